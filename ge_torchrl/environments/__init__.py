@@ -1,0 +1,1 @@
+"""Environments: what they are, how fast they run, and one truth on two routes."""

@@ -1,0 +1,32 @@
+"""What can go wrong because of an input: typed errors whose text is meant for the user.
+
+Every message says what was expected, why, and what came. The command line prints them without a traceback.
+"""
+
+
+class UserError(Exception):
+    """Base of all errors that a user can mend; the command line prints the message and exits with status 2."""
+
+
+class ConfigError(UserError):
+    """A configuration value is missing, unknown, of the wrong type or out of its range."""
+
+
+class GrammarError(UserError):
+    """A grammar text breaks a rule of the notation; the message carries line and column."""
+
+
+class InvalidTreeError(UserError):
+    """Arrays or a file do not describe a decision tree."""
+
+
+class UnencodableTreeError(UserError):
+    """A tree has no genotype: the grammar cannot derive it, or the genotype is too short for it."""
+
+
+class EnvironmentFaultError(UserError):
+    """An environment is unknown, unsuitable, raised, returned NaN or never ended."""
+
+
+class ArtefactError(UserError):
+    """A file of a run is missing or unreadable."""

@@ -1,0 +1,1 @@
+"""Grammatical evolution: grammar, mapping, variation and selection; no torch, no environment."""

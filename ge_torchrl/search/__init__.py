@@ -1,0 +1,1 @@
+"""Search: fitness, champion and the generation as a few verbs."""

@@ -1,0 +1,1 @@
+"""Decision trees: the shared type, its simplification, its measure and its pictures."""
