@@ -1,0 +1,56 @@
+# Needs only make and Python 3.11 or newer; everything else is installed into .venv, in the versions of constraints.txt.
+
+PYTHON ?= python3
+ENV ?= cartpole
+ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help run test lint format bench clean
+
+help: ## List the targets (this text)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+run: $(VENV)/.installed ## Evolve a controller; choose with ENV=mountaincar and ARGS="seed=3 ge.generations=50"
+	@$(BIN)/python -m ge_torchrl env=$(ENV) $(ARGS)
+
+test: lint ## Check style, types, imports and behaviour: all that CI checks
+	@$(BIN)/pytest
+
+lint: $(VENV)/.installed-dev ## Check style, types and the direction of imports
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@$(BIN)/lint-imports
+	@$(BIN)/mypy
+
+format: $(VENV)/.installed-dev ## Format the code and mend what ruff can mend
+	@$(BIN)/ruff check --fix
+	@$(BIN)/ruff format
+
+bench: $(VENV)/.installed-dev ## Measure the speed of the rollouts and of the evolution
+	@$(BIN)/python tests/benchmarks/bench.py
+
+clean: ## Remove .venv, caches and build products; the results of runs stay
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# A stamp is younger than what it was made from, so nothing is installed twice; a run needs fewer packages than the tests.
+$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing ge_torchrl into $(VENV) (once; minutes) ..."
+	@$(PIP) install -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing ge_torchrl and its development tools into $(VENV) (once; minutes) ..."
+	@$(PIP) install -c constraints.txt -e ".[dev]"
+	@touch $(VENV)/.installed $@
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "ge_torchrl needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) --version 2>&1)." \
+		"Name another one, such as: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 1; }
+	@$(PYTHON) -m venv $(VENV)

@@ -1,0 +1,285 @@
+"""The command line, and the only file that knows Hydra: compose -> frozen `Config` -> `experiment.run`.
+
+Whatever the user mistyped is found by composing every job of the command line in advance, so it is told in
+one line before Hydra makes a folder.
+"""
+
+import argparse
+import itertools
+import json
+import os
+import re
+import secrets
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NoReturn
+
+import hydra
+from hydra._internal.utils import get_args_parser
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from ge_torchrl import __version__
+from ge_torchrl.config import Config, check_key, template
+from ge_torchrl.errors import ConfigError, UserError
+
+OK, FAULT, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
+_VERSION_BASE = "1.3"
+_PACKAGE = Path(__file__).resolve().parent
+# A wheel carries the configuration within the package, a checkout beside it.
+_CONF = next(path for path in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if path.is_dir())
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv`, by default that of the process, and return its exit status.
+
+    The status is 0 for success, 2 where the user can mend it, 1 for a fault of the program, 130 after an
+    interrupt.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        if arguments[:1] == ["evaluate"]:
+            return _evaluate(arguments[1:])
+        return _run(arguments)
+    except UserError as error:
+        return _report(error)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _evaluate(arguments: list[str]) -> int:
+    parser = _Parser(
+        prog="ge-torchrl evaluate", description="Measure a tree on episodes that no run has seen."
+    )
+    parser.add_argument("path", metavar="TREE_OR_RUN", type=Path, help="a tree's file or a run's folder")
+    parser.add_argument("--episodes", type=_integer_from(1), default=1000, help="default: 1000")
+    parser.add_argument(
+        "--seed", type=_integer_from(0), default=10000, help="of the first episode; default: 10000"
+    )
+    parser.add_argument("--route", choices=("auto", "gymnasium", "compiled"), default="auto")
+    parser.add_argument("--json", action="store_true", help="print one line of JSON")
+    options = parser.parse_args(arguments)
+
+    from ge_torchrl import evaluation
+
+    summary = evaluation.evaluate(options.path, options.episodes, options.seed, options.route)
+    print(json.dumps(summary.as_dict()) if options.json else summary.as_text())
+    return OK
+
+
+def _run(arguments: list[str]) -> int:
+    if "--version" in arguments:
+        print(f"ge_torchrl {__version__}")
+        return OK
+    _prepare_hydra()
+    _check(arguments)
+    statuses: list[int] = []
+
+    def job(values: DictConfig) -> None:
+        # A job reports its own failure, so the other jobs of a sweep go on and Hydra has nothing to add.
+        try:
+            config = _config_from(values)
+            output_dir = Path(HydraConfig.get().runtime.output_dir)
+            from ge_torchrl import experiment
+
+            summary = experiment.run(config, output_dir)
+        except UserError as error:
+            statuses.append(_report(error))
+        except Exception:  # noqa: BLE001 - the traceback is shown and the exit status tells.
+            traceback.print_exc()
+            statuses.append(FAULT)
+        else:
+            if summary.stopped_by == "interrupt" and HydraConfig.get().mode == RunMode.MULTIRUN:
+                # Ctrl-C ended the job with what it had found; whoever pressed it means the sweep.
+                raise KeyboardInterrupt
+
+    launch = hydra.main(version_base=_VERSION_BASE, config_path=str(_CONF), config_name="config")(job)
+    with _command_line(arguments), _in_our_words():
+        try:
+            launch()
+        except SystemExit as leaving:
+            # Hydra leaves so after --help and the like, and after messages of its own.
+            statuses.append(USER_ERROR if leaving.code else OK)
+    return FAULT if FAULT in statuses else max(statuses, default=OK)
+
+
+def _check(arguments: list[str]) -> None:
+    """Compose and validate every job of the command line; nothing is written."""
+    options = _parse(arguments)
+    if options.shell_completion or options.hydra_help:
+        return
+    conf = _PACKAGE / (options.config_path or _CONF)
+    sweep = options.multirun or "hydra.mode=MULTIRUN" in options.overrides
+    with _in_our_words(), hydra.initialize_config_dir(str(conf), version_base=_VERSION_BASE):
+        loader = GlobalHydra.instance().config_loader()
+        overrides = OverridesParser.create(config_loader=loader).parse_overrides(options.overrides)
+        for override in overrides:
+            _check_override(override, sweep=sweep)
+        searched = _searched(options.config_dir)
+        config_name = options.config_name or "config"
+        configs = [
+            _config_from(hydra.compose(config_name, overrides=[*job, *searched])) for job in _jobs(overrides)
+        ]
+    if options.cfg or options.help or options.info:
+        return
+    from ge_torchrl import experiment
+
+    # The jobs of a sweep mostly share environment and grammar, which are made real once.
+    for config in {(config.env, config.grammar, config.ge): config for config in configs}.values():
+        experiment.plan(config)
+
+
+def _searched(config_dir: str | None) -> list[str]:
+    """Return the override that makes `compose` look into the folder of --config-dir too."""
+    if config_dir is None:
+        return []
+    folder = Path(config_dir).resolve()
+    if not folder.is_dir():
+        raise ConfigError(f"--config-dir must be a folder with choices; got {config_dir}")
+    quoted = str(folder).replace("'", r"\'")
+    return [f"hydra.searchpath=['{quoted}']"]
+
+
+def _check_override(override: Override, *, sweep: bool) -> None:
+    key = override.key_or_group
+    if override.is_sweep_override() and not sweep:
+        raise ConfigError(f"{key} must be one value; got {override.input_line}; for a run of each, add -m")
+    names_a_file = override.is_sweep_override() or override.is_delete() or isinstance(override.value(), str)
+    if (choices := _choices(key)) and not names_a_file:
+        raise ConfigError(f"{key} must be one of {', '.join(choices)}; got {override.get_value_string()}")
+    # The other keys are Hydra's own, and its choices of files (group=choice, group/sub=choice,
+    # group@place=choice).
+    if "/" not in key and key.partition(".")[0] not in ("hydra", "experiment"):
+        check_key(key)
+
+
+def _choices(group: str) -> list[str]:
+    """Return what a group of conf/ offers, `thesis/cartpole` for a file in a subfolder."""
+    folder = _CONF / group
+    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.yaml"))
+
+
+def _jobs(overrides: Sequence[Override]) -> Iterable[tuple[str, ...]]:
+    """Return the overrides of every job: all combinations of the values that are swept over."""
+
+    def values(override: Override) -> list[str]:
+        if not override.is_sweep_override():
+            return [str(override.input_line)]
+        return [f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator()]
+
+    return itertools.product(*map(values, overrides))
+
+
+def _config_from(values: DictConfig) -> Config:
+    plain = OmegaConf.to_container(values, resolve=True)
+    if not isinstance(plain, dict):
+        raise ConfigError(f"the configuration must be keys with values; got {type(plain).__name__}")
+    return Config.from_mapping({str(key): value for key, value in plain.items()})
+
+
+def _prepare_hydra() -> None:
+    """Store the keys with their defaults, and register what names the folders of runs."""
+
+    def unique_token() -> str:
+        return secrets.token_hex(4)
+
+    def job_folder(number: int, overrides: str) -> str:
+        readable = re.sub(r"[^\w.,=+-]+", "-", overrides)[:150]
+        return f"{number}_{readable}" if readable else str(number)
+
+    # A plain mapping, not the records as a typed schema: then one place, config.py, judges types and words
+    # the errors.
+    ConfigStore.instance().store(name="template", node=template())
+    OmegaConf.register_new_resolver("unique_token", unique_token, use_cache=True, replace=True)
+    OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
+
+
+@contextmanager
+def _command_line(arguments: list[str]) -> Iterator[None]:
+    """Let Hydra read these arguments and raise its exceptions instead of printing them."""
+    argv, full_error = sys.argv, os.environ.get("HYDRA_FULL_ERROR")
+    sys.argv = [argv[0], *arguments]
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    try:
+        yield
+    finally:
+        sys.argv = argv
+        if full_error is None:
+            del os.environ["HYDRA_FULL_ERROR"]
+        else:
+            os.environ["HYDRA_FULL_ERROR"] = full_error
+
+
+@contextmanager
+def _in_our_words() -> Iterator[None]:
+    """Turn what Hydra and the file system have to say into one line."""
+    try:
+        yield
+    except MissingConfigException as error:
+        group, _, choice = (error.missing_cfg_file or "").partition("/")
+        if group == "hydra":
+            group, _, choice = (error.missing_cfg_file or "").rpartition("/")
+        if not choice:
+            raise ConfigError(_one_line(error)) from error
+        choices = ", ".join(sorted({*_choices(group), *(error.options or ())}))
+        raise ConfigError(f"{group}={choice} is unknown; expected one of {choices}; got {choice}") from error
+    except OverrideParseException as error:
+        raise ConfigError(f"expected key=value, such as seed=3; got {error.override!r}") from error
+    except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
+        raise ConfigError(_one_line(error)) from error
+
+
+def _one_line(error: BaseException) -> str:
+    texts = [str(error), str(error.__cause__ or "")]
+    return " ".join(" ".join(texts).split())
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaint is one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UserError(f"{message}; see --help")
+
+
+def _parse(arguments: list[str]) -> argparse.Namespace:
+    parser = get_args_parser()
+    parser.exit_on_error = False
+    try:
+        options, rest = parser.parse_known_args(arguments)
+    except argparse.ArgumentError as error:
+        raise UserError(f"{error}; see --help") from error
+    for argument in rest:
+        if argument.startswith("-"):
+            raise UserError(f"{argument} is an unknown flag; expected one that --help names")
+        raise UserError(
+            f"{argument} stands apart; expected all key=value together, before or after the flags"
+        )
+    return options
+
+
+def _integer_from(at_least: int) -> Callable[[str], int]:
+    def integer(text: str) -> int:
+        if not text.isdecimal() or int(text) < at_least:
+            raise argparse.ArgumentTypeError(f"must be an integer of at least {at_least}; got {text}")
+        return int(text)
+
+    return integer
+
+
+def _report(error: UserError) -> int:
+    print(f"ge-torchrl: {error}", file=sys.stderr)
+    return USER_ERROR
+
+
+if __name__ == "__main__":
+    sys.exit(main())

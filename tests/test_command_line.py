@@ -1,0 +1,307 @@
+import json
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import pytest
+
+import ge_torchrl
+from ge_torchrl import __main__ as command_line
+from ge_torchrl.__main__ import main
+from ge_torchrl.config import Config
+from ge_torchrl.errors import ArtefactError, EnvironmentFaultError
+
+THESIS = ("cartpole", "acrobot", "mountaincar")
+
+
+class FakeExperiment(types.ModuleType):
+    """Stands in for the experiment and the evaluation: remembers what was asked, and fails where told to."""
+
+    def __init__(self):
+        super().__init__("ge_torchrl.experiment")
+        self.runs: list[tuple[Config, Path]] = []
+        self.evaluated: list[tuple[object, ...]] = []
+        self.failures: dict[int, BaseException] = {}
+        self.interrupted: set[int] = set()
+
+    def run(self, config, output_dir):
+        self.runs.append((config, output_dir))
+        if config.seed in self.failures:
+            raise self.failures[config.seed]
+        return types.SimpleNamespace(
+            stopped_by="interrupt" if config.seed in self.interrupted else "generations"
+        )
+
+    def plan(self, config):
+        if config.env.id.startswith("Missing"):
+            raise EnvironmentFaultError(f"env.id must be an installed one; got {config.env.id}")
+
+    def evaluate(self, path, episodes, seed, route):
+        self.evaluated.append((path, episodes, seed, route))
+        if path.name == "missing":
+            raise ArtefactError("missing must be a tree's file; got none")
+        return types.SimpleNamespace(as_dict=lambda: {"mean": 499.5}, as_text=lambda: "mean return 499.5")
+
+
+@pytest.fixture
+def experiment(tmp_path, monkeypatch):
+    fake = FakeExperiment()
+    monkeypatch.setitem(sys.modules, "ge_torchrl.experiment", fake)
+    monkeypatch.setitem(sys.modules, "ge_torchrl.evaluation", fake)
+    monkeypatch.setattr(ge_torchrl, "experiment", fake, raising=False)
+    monkeypatch.setattr(ge_torchrl, "evaluation", fake, raising=False)
+    monkeypatch.chdir(tmp_path)
+    return fake
+
+
+def config_of(experiment, *arguments):
+    assert main(arguments) == 0
+    return experiment.runs[-1][0]
+
+
+def test_run_takes_choices_and_keys(experiment):
+    config = config_of(experiment, "env=mountaincar", "seed=3", "ge.generations=50")
+    assert (config.env.id, config.seed, config.ge.generations) == ("MountainCar-v0", 3, 50)
+    assert config.ge.genotype_length == 1024, "the environment brings its settings along"
+    assert config.grammar.name == "mountaincar"
+
+
+def test_groups_can_be_chosen_apart_from_the_environment(experiment):
+    config = config_of(experiment, "ge=mountaincar", "grammar=cartpole_per_feature")
+    assert config.env.id == "CartPole-v1"
+    assert (config.ge.generations, config.grammar.name) == (1000, "cartpole_per_feature")
+
+
+@pytest.mark.parametrize("name", THESIS)
+def test_experiment_of_the_thesis_equals_todays_defaults_but_for_the_champion(experiment, name):
+    default = config_of(experiment, f"env={name}").as_mapping()
+    thesis = config_of(experiment, f"experiment=thesis/{name}").as_mapping()
+    assert thesis["env"].pop("max_episode_steps") == {"mountaincar": 200}.get(name, 500)
+    assert thesis["evaluation"].pop("champion_candidates") == 1
+    del default["env"]["max_episode_steps"], default["evaluation"]["champion_candidates"]
+    assert thesis == default
+
+
+def test_command_line_has_the_last_word_over_an_experiment(experiment):
+    config = config_of(experiment, "experiment=thesis/acrobot", "ge.generations=7", "seed=9")
+    assert (config.env.id, config.ge.generations, config.seed) == ("Acrobot-v1", 7, 9)
+
+
+def test_every_environment_composes(experiment):
+    names = [path.stem for path in (command_line._CONF / "env").glob("*.yaml")]
+    assert set(THESIS) < set(names)
+    for name in names:
+        assert config_of(experiment, f"env={name}").grammar.name == name
+
+
+def test_own_choices_come_from_a_folder_of_the_user(experiment, tmp_path):
+    folder = tmp_path / "it's mine"
+    (folder / "env").mkdir(parents=True)
+    (folder / "env" / "mine.yaml").write_text("id: Mine-v0\n")
+    choices = ["env=mine", "ge=cartpole", "grammar=cartpole", "evaluation=cartpole"]
+    config = config_of(experiment, "--config-dir", str(folder), *choices)
+    assert config.env.id == "Mine-v0"
+
+
+def test_each_run_has_a_folder_of_its_own_and_nothing_else_is_written(experiment, tmp_path):
+    for _ in range(3):
+        assert main(["seed=4"]) == 0
+    folders = [output_dir for _, output_dir in experiment.runs]
+    assert len(set(folders)) == 3
+    assert all(folder.parent == tmp_path / "outputs" / "cartpole" for folder in folders)
+    assert all(folder.name.endswith("-seed4") and folder.is_dir() for folder in folders)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_sweep_runs_all_combinations_in_folders_that_name_them(experiment):
+    assert main(["-m", "seed=range(0,2)", "env=cartpole,acrobot"]) == 0
+    runs = [(folder.name, config.env.id, config.seed) for config, folder in experiment.runs]
+    assert runs == [
+        ("0_env=cartpole,seed=0", "CartPole-v1", 0),
+        ("1_env=acrobot,seed=0", "Acrobot-v1", 0),
+        ("2_env=cartpole,seed=1", "CartPole-v1", 1),
+        ("3_env=acrobot,seed=1", "Acrobot-v1", 1),
+    ]
+
+
+def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experiment):
+    assert main(["-m", "seed=1,1", "experiment=thesis/cartpole"]) == 0
+    names = [folder.name for _, folder in experiment.runs]
+    assert names == ["0_experiment=thesis-cartpole,seed=1", "1_experiment=thesis-cartpole,seed=1"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["env=foo"],
+            "env=foo is unknown; expected one of acrobot, cartpole, lunarlander, mountaincar; got foo",
+        ),
+        (["experiment=foo"], "experiment=foo is unknown; expected one of thesis/acrobot, thesis/cartpole, "),
+        (["experiment=thesis/foo"], "experiment=thesis/foo is unknown; expected one of thesis/acrobot, "),
+        (["hydra/launcher=foo"], "hydra/launcher=foo is unknown; expected one of basic"),
+        (["ge=5"], "ge must be one of acrobot, cartpole, lunarlander, mountaincar; got 5"),
+        (["ge=null"], "ge must be one of acrobot, cartpole, lunarlander, mountaincar; got null"),
+        (
+            ["ge.populaton_size=3"],
+            "ge.populaton_size is unknown; expected a key of a run, such as ge.population_size",
+        ),
+        (["+ge.foo=3"], "ge.foo is unknown"),
+        (["foo=1"], "foo is unknown"),
+        (["foo/bar=1"], "Could not override 'foo/bar'"),
+        (["ge.population_size=1"], "ge.population_size must be an integer of at least 2, because"),
+        (["ge.population_size=abc"], "ge.population_size must be an integer of at least 2, because"),
+        (["ge.gene_probability=true"], "ge.gene_probability must be a number from 0 to 1"),
+        (["env.id=???"], "env.id has no value"),
+        (["seed=${foo}"], "Interpolation key 'foo' not found full_key: seed"),
+        (["seed=-1", "--cfg", "job"], "seed must be an integer of at least 0"),
+        (["seed"], "expected key=value, such as seed=3; got 'seed'"),
+        (["seed=1,2"], "seed must be one value; got seed=1,2; for a run of each, add -m"),
+        (["-m", "seed=1,-2"], "seed must be an integer of at least 0, because"),
+        (["-m", "env=cartpole,foo"], "env=foo is unknown"),
+        (
+            ["-m", "ge.elites=0,5", "ge.population_size=10,4"],
+            "ge.elites must be less than ge.population_size, 4",
+        ),
+        (["hydra.job.chdir=maybe"], "Error merging override hydra.job.chdir=maybe"),
+        (["--foo"], "--foo is an unknown flag"),
+        (["--cfg", "foo"], "argument --cfg/-c: invalid choice: 'foo'"),
+        (["--cfg", "job", "-m"], "Only one of --run, --multirun, --cfg"),
+        (["seed=1", "-m", "env=cartpole"], "env=cartpole stands apart"),
+        (["--config-dir", "nowhere"], "--config-dir must be a folder with choices; got nowhere"),
+        (["evaluate"], "the following arguments are required: TREE_OR_RUN"),
+        (
+            ["evaluate", "tree", "--episodes", "0"],
+            "argument --episodes: must be an integer of at least 1; got 0",
+        ),
+        (["evaluate", "tree", "--seed", "x"], "argument --seed: must be an integer of at least 0; got x"),
+        (["evaluate", "tree", "--route", "x"], "argument --route: invalid choice: 'x'"),
+        (["evaluate", "tree", "--foo"], "unrecognized arguments: --foo"),
+        (["evaluate", "missing"], "missing must be a tree's file; got none"),
+    ],
+)
+def test_mistake_is_one_line_and_writes_nothing(experiment, tmp_path, capsys, arguments, message):
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith(f"ge-torchrl: {message}")
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+    assert experiment.runs == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_output_folder_that_cannot_be_made_is_one_line(experiment, tmp_path, capsys):
+    (tmp_path / "outputs").write_text("a file stands where the folder should be")
+    assert main([]) == 2
+    assert "outputs" in capsys.readouterr().err
+    assert experiment.runs == []
+
+
+def test_error_that_the_user_can_mend_is_one_line(experiment, capsys):
+    experiment.failures[0] = EnvironmentFaultError("env.id must be known; got Foo-v0")
+    assert main([]) == 2
+    assert capsys.readouterr().err == "ge-torchrl: env.id must be known; got Foo-v0\n"
+
+
+def test_fault_of_the_program_shows_its_traceback_without_hydras_frames(experiment, capsys):
+    experiment.failures[0] = ZeroDivisionError("a bug")
+    assert main([]) == 1
+    shown = capsys.readouterr().err
+    assert shown.startswith("Traceback")
+    assert shown.endswith("ZeroDivisionError: a bug\n")
+    assert "hydra" not in shown.replace("HydraConfig", "").lower()
+
+
+def test_failing_job_does_not_stop_a_sweep_but_the_status_tells(experiment):
+    experiment.failures[1] = EnvironmentFaultError("env.id must be known; got Foo-v0")
+    assert main(["-m", "seed=0,1,2"]) == 2
+    assert [config.seed for config, _ in experiment.runs] == [0, 1, 2]
+    experiment.failures[2] = ZeroDivisionError("a bug")
+    assert main(["-m", "seed=0,1,2,3"]) == 1
+    assert [config.seed for config, _ in experiment.runs] == [0, 1, 2, 0, 1, 2, 3]
+
+
+def test_interrupt_ends_everything_quietly(experiment, capsys):
+    experiment.failures[1] = KeyboardInterrupt()
+    assert main(["-m", "seed=0,1,2"]) == 130
+    assert [config.seed for config, _ in experiment.runs] == [0, 1]
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("experiment")
+def test_command_line_leaves_the_process_as_it_was(monkeypatch):
+    monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
+    before = list(sys.argv)
+    assert main(["seed=1"]) == 0
+    assert sys.argv == before
+    assert "HYDRA_FULL_ERROR" not in command_line.os.environ
+
+
+def test_evaluate_measures_a_tree(experiment, capsys):
+    assert main(["evaluate", "runs/tree.json"]) == 0
+    assert capsys.readouterr().out == "mean return 499.5\n"
+    assert main(["evaluate", "t", "--episodes", "5", "--seed", "1", "--route", "compiled", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"mean": 499.5}
+    assert experiment.evaluated == [
+        (Path("runs/tree.json"), 1000, 10000, "auto"),
+        (Path("t"), 5, 1, "compiled"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "shown"),
+    [
+        (["--help"], "experiment=thesis/cartpole"),
+        (["--hydra-help"], "--multirun"),
+        (["--cfg", "job", "seed=5"], "seed: 5"),
+        (["--cfg", "job", "-p", "ge"], "population_size: 200"),
+        (["--version"], ge_torchrl.__version__),
+        (["-sc", "install=bash"], "complete"),
+    ],
+)
+def test_information_is_shown_without_a_run(experiment, tmp_path, capsys, arguments, shown):
+    assert main(arguments) == 0
+    assert shown in capsys.readouterr().out
+    assert experiment.runs == []
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("experiment")
+def test_tab_completes_keys_and_choices(capsys, monkeypatch):
+    monkeypatch.setenv("COMP_LINE", "ge-torchrl ge.popu")
+    assert main(["-sc", "query=bash"]) == 0
+    assert capsys.readouterr().out.strip() == "ge.population_size="
+    monkeypatch.setenv("COMP_LINE", "ge-torchrl env=ca")
+    assert main(["-sc", "query=bash"]) == 0
+    assert capsys.readouterr().out.strip() == "env=cartpole"
+
+
+@pytest.mark.parametrize("arguments", [["env=foo"], ["-m", "ge.population_size=1,2"]])
+def test_program_started_by_a_user_reports_a_mistake(tmp_path, arguments):
+    command = [sys.executable, "-m", "ge_torchrl", *arguments]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_command_line_loads_no_torch():
+    code = "import sys, ge_torchrl.__main__; sys.exit('torch' in sys.modules or 'numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
+
+
+def test_an_unknown_environment_is_told_before_anything_is_written(experiment, capsys, tmp_path):
+    assert main(["env.id=MissingLink-v3"]) == 2
+    assert "got MissingLink-v3" in capsys.readouterr().err
+    assert main(["-m", "env.id=CartPole-v1,MissingLink-v3"]) == 2
+    assert not experiment.runs
+    assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_ends_a_run_well_and_the_rest_of_a_sweep(experiment):
+    experiment.interrupted = {1}
+    assert main(["seed=1"]) == 0
+    assert main(["-m", "seed=0,1,2"]) == 130
+    assert [config.seed for config, _ in experiment.runs] == [1, 0, 1]

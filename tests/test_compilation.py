@@ -1,0 +1,84 @@
+import math
+import shutil
+from pathlib import Path
+
+import numba.core.config as numba_config
+import pytest
+
+from ge_torchrl import compilation
+from ge_torchrl.compilation import cache_directory, compiled
+
+
+@pytest.fixture
+def fresh_cache_directory():
+    cache_directory.cache_clear()
+    yield cache_directory
+    cache_directory.cache_clear()
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch, fresh_cache_directory):
+    """A copy of the package that a test may edit, and the folder that its kernels would go to."""
+    copy = tmp_path / "package"
+    shutil.copytree(Path(compilation.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(compilation, "_PACKAGE", copy)
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+
+    def directory():
+        fresh_cache_directory.cache_clear()
+        return fresh_cache_directory()
+
+    return copy, directory
+
+
+def divide(numerator, denominator):
+    return numerator / denominator
+
+
+def test_kernel_is_compiled_cached_and_divides_like_numpy(tmp_path, monkeypatch, fresh_cache_directory):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    kernel = compiled(divide)
+    assert kernel(1.0, 4.0) == 0.25
+    assert kernel(1.0, 0.0) == math.inf
+    assert kernel.targetoptions["nogil"]
+    assert not kernel.targetoptions.get("fastmath", False)
+    assert list(fresh_cache_directory().rglob("*.nbi"))
+    again = compiled(divide)
+    again(1.0, 4.0)
+    assert sum(again.stats.cache_hits.values()) == 1
+
+
+def test_decorating_leaves_numba_settings_as_they_were():
+    before = numba_config.CACHE_DIR
+    compiled(divide)
+    assert before == numba_config.CACHE_DIR
+
+
+def test_an_edit_of_any_module_changes_the_cache(package):
+    copy, directory = package
+    before = directory()
+    assert directory() == before
+    with (copy / "trees" / "labels.py").open("a") as source:
+        source.write("# edited\n")
+    edited = directory()
+    assert edited != before
+    (copy / "trees" / "labels.py").rename(copy / "trees" / "names.py")
+    assert directory() not in (before, edited)
+
+
+def test_cache_lies_beside_the_sources_where_they_can_be_written(package):
+    copy, directory = package
+    assert directory().parent == copy / "__pycache__"
+
+
+def test_cache_lies_in_the_users_folder_where_sources_are_read_only(package, tmp_path, monkeypatch):
+    _, directory = package
+    monkeypatch.setattr("os.access", lambda *_: False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    assert directory().parent == tmp_path / "user" / "ge_torchrl"
+
+
+def test_cache_lies_where_numba_is_told_to(package, tmp_path, monkeypatch):
+    _, directory = package
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    assert directory().parent == tmp_path / "numba"

@@ -1,0 +1,302 @@
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ge_torchrl.config import (
+    Config,
+    EnvironmentConfig,
+    EvaluationConfig,
+    GEConfig,
+    GrammarConfig,
+    PPOConfig,
+    check_key,
+    template,
+)
+from ge_torchrl.errors import ConfigError
+
+VALUES: dict[str, Any] = {
+    "env": {"id": "CartPole-v1"},
+    "grammar": {"name": "tiny", "bnf": "<dt> ::= left | right"},
+    "ge": {"population_size": 10, "generations": 3, "genotype_length": 20, "gene_probability": 0.1},
+    "evaluation": {"episodes": 5},
+}
+
+
+def config_with(section: str, key: str, value: object) -> Config:
+    return Config.from_mapping({**VALUES, section: {**VALUES[section], key: value}})
+
+
+def test_defaults_are_the_documented_ones():
+    config = Config.from_mapping(VALUES)
+    assert config == Config(
+        env=EnvironmentConfig(
+            id="CartPole-v1",
+            features=(),
+            units=(),
+            actions=(),
+            solved_at=None,
+            lowest_fitness_excluded=None,
+            route="auto",
+            max_episode_steps=None,
+            workers=0,
+        ),
+        grammar=GrammarConfig(name="tiny", bnf="<dt> ::= left | right"),
+        ge=GEConfig(
+            population_size=10,
+            generations=3,
+            genotype_length=20,
+            gene_probability=0.1,
+            crossover_probability=0.0,
+            mutation_probability=1.0,
+            tournament_size=2,
+            wraps=0,
+            single_choice_consumes=False,
+            replacement="parent_if_better",
+            elites=0,
+            stop_when_solved=False,
+            max_seconds=None,
+            max_env_steps=None,
+        ),
+        evaluation=EvaluationConfig(
+            episodes=5,
+            episode_seeds="fixed",
+            validation_episodes=100,
+            champion_candidates=10,
+            test_episodes=100,
+            threads=0,
+        ),
+        ppo=PPOConfig(name="none"),
+        seed=0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        (
+            "ge",
+            "population_size",
+            1,
+            "ge.population_size must be an integer of at least 2, because selection compares individuals; got 1",
+        ),
+        ("ge", "population_size", True, "ge.population_size must be an integer .* got True"),
+        ("ge", "population_size", 2.5, "ge.population_size must be an integer .* got 2.5"),
+        ("ge", "population_size", "20", "ge.population_size must be an integer .* got '20'"),
+        ("ge", "population_size", None, "ge.population_size must be an integer .* got null"),
+        ("ge", "population_size", [1, 2], r"ge.population_size must be an integer .* got \[1, 2\]"),
+        ("ge", "generations", 0, "ge.generations must be an integer of at least 1"),
+        ("ge", "genotype_length", 0, "ge.genotype_length must be an integer of at least 1"),
+        ("ge", "gene_probability", 1.01, "ge.gene_probability must be a number from 0 to 1.*; got 1.01"),
+        (
+            "ge",
+            "gene_probability",
+            float("nan"),
+            "ge.gene_probability must be a number from 0 to 1.*; got nan",
+        ),
+        ("ge", "crossover_probability", -0.1, "ge.crossover_probability must be a number from 0 to 1"),
+        (
+            "ge",
+            "mutation_probability",
+            True,
+            "ge.mutation_probability must be a number from 0 to 1.*; got True",
+        ),
+        ("ge", "tournament_size", 0, "ge.tournament_size must be an integer of at least 1"),
+        ("ge", "wraps", -1, "ge.wraps must be an integer of at least 0"),
+        ("ge", "single_choice_consumes", 1, "ge.single_choice_consumes must be true or false; got 1"),
+        ("ge", "stop_when_solved", "yes", "ge.stop_when_solved must be true or false; got 'yes'"),
+        ("ge", "replacement", "x", "ge.replacement must be one of parent_if_better, generational; got 'x'"),
+        ("ge", "elites", -1, "ge.elites must be an integer of at least 0"),
+        ("ge", "elites", 10, "ge.elites must be less than ge.population_size, 10, because .*; got 10"),
+        ("ge", "max_seconds", 0, "ge.max_seconds must be a finite number above 0 or null; got 0"),
+        ("ge", "max_env_steps", 0, "ge.max_env_steps must be an integer of at least 1 or null"),
+        ("env", "id", " ", "env.id must be a Gymnasium id such as CartPole-v1; got ' '"),
+        ("env", "id", "???", "env.id has no value; expected a Gymnasium id such as CartPole-v1; got nothing"),
+        ("env", "features", "x", "env.features must be a list of texts; got 'x'"),
+        ("env", "features", [1], r"env.features must be a list of texts; got \[1\]"),
+        ("env", "features", ["x", "x"], "env.features must be names that differ from each other"),
+        ("env", "actions", ["left", ""], "env.actions must be names that differ from each other"),
+        ("env", "units", ["m"], "env.units must be one unit for each feature"),
+        ("env", "solved_at", float("inf"), "env.solved_at must be a finite number or null; got inf"),
+        (
+            "env",
+            "lowest_fitness_excluded",
+            "low",
+            "env.lowest_fitness_excluded must be a finite number or null",
+        ),
+        ("env", "route", "fast", "env.route must be one of auto, gymnasium, compiled; got 'fast'"),
+        ("env", "max_episode_steps", 0, "env.max_episode_steps must be an integer of at least 1 or null"),
+        ("env", "workers", -1, "env.workers must be an integer of at least 0"),
+        ("grammar", "bnf", "", "grammar.bnf must be rules in Backus-Naur form; got ''"),
+        ("grammar", "name", 3, "grammar.name must be the name of the grammar; got 3"),
+        ("evaluation", "episodes", 0, "evaluation.episodes must be an integer of at least 1"),
+        (
+            "evaluation",
+            "episode_seeds",
+            "new",
+            "evaluation.episode_seeds must be one of fixed, fresh, common",
+        ),
+        (
+            "evaluation",
+            "validation_episodes",
+            0,
+            "evaluation.validation_episodes must be an integer of at least 1",
+        ),
+        (
+            "evaluation",
+            "champion_candidates",
+            0,
+            "evaluation.champion_candidates must be an integer of at least 1",
+        ),
+        ("evaluation", "test_episodes", 0, "evaluation.test_episodes must be an integer of at least 1"),
+        ("evaluation", "threads", -1, "evaluation.threads must be an integer of at least 0"),
+    ],
+)
+def test_wrong_value_is_named_with_what_was_expected(section, key, value, message):
+    with pytest.raises(ConfigError, match=f"^{message}"):
+        config_with(section, key, value)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "0", True, None])
+def test_wrong_seed_is_named(seed):
+    with pytest.raises(ConfigError, match=r"^seed must be an integer of at least 0"):
+        Config.from_mapping({**VALUES, "seed": seed})
+
+
+def test_ppo_is_none_so_far():
+    with pytest.raises(ConfigError, match=r"^ppo\.name must be none; got 'thesis'$"):
+        PPOConfig(name="thesis")
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "stored"),
+    [
+        ("ge", "max_env_steps", 1e6, 1_000_000),
+        ("ge", "population_size", np.int64(200), 200),
+        ("ge", "gene_probability", 0, 0.0),
+        ("ge", "gene_probability", 1, 1.0),
+        ("ge", "max_seconds", 60, 60.0),
+        ("env", "solved_at", np.float32(475), 475.0),
+        ("env", "features", ["x", "y"], ("x", "y")),
+    ],
+)
+def test_other_spellings_of_a_value_are_stored_as_one(section, key, value, stored):
+    kept = getattr(getattr(config_with(section, key, value), section), key)
+    assert kept == stored
+    assert type(kept) is type(stored)
+
+
+@given(st.integers(2, 10**6), st.integers(1, 10**4), st.integers(1, 10**4), st.floats(0, 1))
+def test_everything_within_its_range_is_accepted(population_size, generations, genotype_length, probability):
+    config = GEConfig(population_size, generations, genotype_length, probability, probability, probability)
+    assert dataclasses.astuple(config)[:4] == (population_size, generations, genotype_length, probability)
+
+
+def test_units_may_be_blank_and_alike_but_not_without_features():
+    environment = EnvironmentConfig(id="E-v0", features=("a", "b"), units=("", ""))
+    assert environment.units == ("", "")
+    with pytest.raises(ConfigError, match=r"^env.units"):
+        EnvironmentConfig(id="E-v0", units=("m",))
+
+
+def test_records_are_frozen_and_comparable():
+    config = Config.from_mapping(VALUES)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        config.seed = 1
+    assert hash(config) == hash(Config.from_mapping(VALUES))
+    assert config != dataclasses.replace(config, seed=1)
+
+
+def test_replace_checks_again():
+    with pytest.raises(ConfigError, match=r"^seed must be"):
+        dataclasses.replace(Config.from_mapping(VALUES), seed=-1)
+
+
+def test_section_of_the_wrong_type_is_named():
+    config = Config.from_mapping(VALUES)
+    with pytest.raises(ConfigError, match=r"^ge must be a GEConfig; got 3$"):
+        dataclasses.replace(config, ge=3)
+    with pytest.raises(ConfigError, match=r"^ge must be a section with keys and values; got 3$"):
+        Config.from_mapping({**VALUES, "ge": 3})
+
+
+def test_mapping_goes_there_and_back_through_yaml():
+    config = config_with("env", "features", ["x", "y"])
+    text = yaml.safe_dump(config.as_mapping())
+    assert Config.from_mapping(yaml.safe_load(text)) == config
+
+
+@pytest.mark.parametrize("section", ["env", "grammar", "ge", "evaluation"])
+def test_missing_section_is_reported_by_its_first_key(section):
+    values = {name: value for name, value in VALUES.items() if name != section}
+    with pytest.raises(ConfigError, match=rf"^{section}\.\w+ has no value; expected .*; got nothing$"):
+        Config.from_mapping(values)
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("ge.populaton_size", r"ge.populaton_size is unknown; .* such as ge.population_size; got"),
+        ("evaluation.zzz", r"evaluation.zzz is unknown; .* such as evaluation.episodes, "),
+        ("sed", r"sed is unknown; .* such as seed; got sed"),
+        ("zzz", r"zzz is unknown; .* such as env, grammar, ge, evaluation, ppo, seed; got zzz"),
+        ("seed.x", "seed.x is unknown"),
+        ("ge.wraps.x", "ge.wraps.x is unknown"),
+        ("ge.SECTION", "ge.SECTION is unknown"),
+    ],
+)
+def test_unknown_key_is_named_with_similar_ones(key, message):
+    with pytest.raises(ConfigError, match=f"^{message}"):
+        check_key(key)
+
+
+def test_unknown_keys_of_a_mapping_are_refused():
+    with pytest.raises(ConfigError, match=r"^ge\.zzz is unknown"):
+        config_with("ge", "zzz", 1)
+    with pytest.raises(ConfigError, match=r"^zzz is unknown"):
+        Config.from_mapping({**VALUES, "zzz": 1})
+
+
+def test_template_names_every_key_and_check_key_knows_them():
+    keys = template()
+    assert list(keys) == [field.name for field in dataclasses.fields(Config)]
+    assert keys["ge"]["population_size"] == "???"
+    assert keys["evaluation"]["validation_episodes"] == 100
+    for section, values in keys.items():
+        check_key(section)
+        for key in values if isinstance(values, dict) else ():
+            check_key(f"{section}.{key}")
+
+
+CONF = Path(__file__).parents[1] / "conf"
+THESIS = {
+    # Section 2 of the thesis' settings: population, generations, length, mutation per gene, episodes, solved at,
+    # excluded from PPO, features, actions.
+    "cartpole": (200, 200, 100, 0.1, 5, 475, None, 4, 2),
+    "acrobot": (200, 50, 100, 0.1, 5, -100, -500, 6, 3),
+    "mountaincar": (200, 1000, 1024, 0.05, 10, -110, -200, 2, 3),
+}
+
+
+@pytest.mark.parametrize("name", THESIS)
+def test_defaults_of_the_published_environments_are_the_thesis(name):
+    groups = {group: yaml.safe_load((CONF / group / f"{name}.yaml").read_text()) for group in VALUES}
+    config = Config.from_mapping(groups)
+    assert (
+        config.ge.population_size,
+        config.ge.generations,
+        config.ge.genotype_length,
+        config.ge.gene_probability,
+        config.evaluation.episodes,
+        config.env.solved_at,
+        config.env.lowest_fitness_excluded,
+        len(config.env.features),
+        len(config.env.actions),
+    ) == THESIS[name]
+    assert (config.ge.crossover_probability, config.ge.mutation_probability) == (0.0, 1.0)
+    assert len(config.env.units) == len(config.env.features)
