@@ -10,10 +10,10 @@ import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
-import numba.core.config as numba_config
+from numba.core import config
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
@@ -45,10 +45,12 @@ def compiled(function: _Function) -> _Function:
     No fast-math: the same operation must give the same bits in every lane and on every thread (law 6). Division
     follows NumPy (no exception), without which LLVM does not vectorise.
     """
-    previous = numba_config.CACHE_DIR
-    numba_config.CACHE_DIR = str(cache_directory())
+    # The settings of numba are a module's attributes, which its type information does not list.
+    settings: Any = config
+    previous = settings.CACHE_DIR
+    settings.CACHE_DIR = str(cache_directory())
     try:
-        decorated: _Function = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     finally:
-        numba_config.CACHE_DIR = previous
-    return decorated
+        settings.CACHE_DIR = previous
+    return cast("_Function", dispatcher)
