@@ -1,0 +1,101 @@
+"""The closing words of a run and of an evaluation: what was found, how good it is, where it lies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from ge_torchrl.artefacts import Summary
+from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.labels import TreeLabels
+from ge_torchrl.trees.rendering import render_rules, render_text
+
+
+@dataclass(frozen=True)
+class EvaluationSummary:
+    """What a tree did on test episodes.
+
+    Attributes:
+        environment: Gymnasium id.
+        mean: Mean return.
+        std: Standard deviation of the returns.
+        min: Lowest return.
+        max: Highest return.
+        episodes: Number of episodes.
+        seed: Episode `i` began with `reset(seed=seed + i)`.
+        solved: Whether the mean reaches the threshold; None where there is none.
+        solved_at: The threshold, or None.
+        route: "compiled" or "gymnasium".
+        decision_nodes: Size of the tree.
+    """
+
+    environment: str
+    mean: float
+    std: float
+    min: float
+    max: float
+    episodes: int
+    seed: int
+    solved: bool | None
+    solved_at: float | None
+    route: str
+    decision_nodes: int
+
+    def as_dict(self) -> Mapping[str, object]:
+        """Return plain values for JSON."""
+        return asdict(self)
+
+    def as_text(self) -> str:
+        """Return the lines for a person."""
+        last = self.seed + self.episodes - 1
+        return (
+            f"{self.environment}: mean return {self.mean:.3f} ± {self.std:.3f} "
+            f"(min {self.min:g}, max {self.max:g}) over {self.episodes} episodes\n"
+            f"seeds {self.seed} to {last}, {self.route} route, {self.decision_nodes} decision nodes\n"
+            f"{verdict(self.solved, self.solved_at)}"
+        )
+
+
+def verdict(solved: bool | None, solved_at: float | None) -> str:
+    """Return whether the task is solved, in words."""
+    if solved is None or solved_at is None:
+        return "no threshold is agreed on for this environment"
+    return f"{'SOLVED' if solved else 'not solved'}: the threshold is a mean return of {solved_at:g}"
+
+
+def tree_text(tree: DecisionTree, labels: TreeLabels) -> str:
+    """Return a tree for a person: drawn, then as rules."""
+    return f"{render_text(tree, labels)}\n\n{render_rules(tree, labels)}\n"
+
+
+def closing_text(summary: Summary, tree: DecisionTree, labels: TreeLabels, folder: Path) -> str:
+    """Return the closing summary of a run.
+
+    Args:
+        summary: What was found.
+        tree: The pruned champion.
+        labels: Names of features and actions.
+        folder: The run folder.
+    """
+    nodes = "1 decision node" if summary.decision_nodes == 1 else f"{summary.decision_nodes} decision nodes"
+    rows = [
+        ("training", f"{summary.train_fitness:.2f}  the champion's fitness on its training episodes"),
+        ("validation", f"{summary.validation_mean:.2f}  on the episodes that chose it"),
+        (
+            "test",
+            f"{summary.test_mean:.2f} ± {summary.test_std:.2f}  on {summary.test_episodes} unseen episodes",
+        ),
+        ("verdict", verdict(summary.solved, summary.solved_at)),
+        ("size", f"{nodes}, depth {summary.depth}, M = {summary.complexity_M:g}"),
+        (
+            "effort",
+            f"{summary.generations} generations, {summary.env_steps:,} steps of the environment "
+            f"in {summary.evolve_seconds:.1f} s of evolution, {summary.wall_seconds:.1f} s in all",
+        ),
+        ("run folder", str(folder)),
+    ]
+    if summary.stopped_by != "generations":
+        rows.insert(0, ("stopped by", summary.stopped_by))
+    table = "\n".join(f"{name:<11} {text}" for name, text in rows)
+    return f"{render_text(tree, labels)}\n\n{table}"
