@@ -1,8 +1,8 @@
 """Compiled kernels: one decorator over numba, with a cache that knows when any kernel's source changed.
 
-numba's own file cache looks only at the file of the function itself, so a kernel that inlines a function of
-another module would go stale when that module changes. Here the cache folder's name is a digest of every source
-file of the package: an edit anywhere compiles anew, an unchanged package never compiles twice.
+numba's own file cache looks only at the file of the function itself, so a kernel that inlines a function, or a
+constant, of another module would go stale when that module changes. Here the cache folder's name is a digest of
+all sources on the floors that have kernels: an edit there compiles anew, unchanged sources never compile twice.
 """
 
 import functools
@@ -17,17 +17,19 @@ from numba.core import config
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
+# Kernels live on these floors and take functions and constants from them alone.
+_FLOORS_WITH_KERNELS = ("trees", "ge", "environments")
 
 
 @functools.cache
 def cache_directory() -> Path:
-    """Return the folder of this package version's compiled kernels.
+    """Return the folder of the kernels that these sources compile to.
 
     It lies in `$NUMBA_CACHE_DIR` where that is set, else beside the sources where they can be written, else in the
     user's cache folder.
     """
     digest = hashlib.sha256()
-    for source in sorted(_PACKAGE.rglob("*.py")):
+    for source in sorted(path for floor in _FLOORS_WITH_KERNELS for path in (_PACKAGE / floor).rglob("*.py")):
         digest.update(source.relative_to(_PACKAGE).as_posix().encode())
         digest.update(source.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"
@@ -54,3 +56,8 @@ def compiled(function: _Function) -> _Function:
     finally:
         settings.CACHE_DIR = previous
     return cast("_Function", dispatcher)
+
+
+def is_compiled_before() -> bool:
+    """Tell whether this version's kernels have been compiled on this machine; if not, the first call takes seconds."""
+    return cache_directory().exists()

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from ge_torchrl import __version__
 from ge_torchrl.artefacts import GenerationRecord, HistoryWriter, RunFolder, Summary
+from ge_torchrl.compilation import is_compiled_before
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
@@ -26,6 +27,7 @@ from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.fitness import TrainingEpisodes, measure
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.complexity import complexity
+from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.serialization import TreeDocument
 from ge_torchrl.trees.simplify import simplify_exact
@@ -83,7 +85,8 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
         folder = RunFolder.create(output_dir, config)
         console.print(
             f"{planned.spec.id}, seed {config.seed}: {config.ge.generations} generations of "
-            f"{config.ge.population_size} trees, {config.evaluation.episodes} episodes each, {route.name} route"
+            f"{config.ge.population_size} trees, {config.evaluation.episodes} episodes each, {route.name} route",
+            soft_wrap=True,
         )
         evolution = Evolution(
             config.ge,
@@ -96,6 +99,7 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
             ),
             stream(config.seed, "evolution"),
         )
+        _warm_up(evolution, console)
         with folder.history_writer() as history, Progress(console, config.ge.generations) as progress:
             evolved = _evolve(evolution, planned, history, progress)
         summary, champion = _conclude(planned, evolution, evolved, folder, started)
@@ -104,6 +108,16 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     console.print()
     console.print(closing_text(summary, champion.pruned, planned.spec.labels, folder.path), soft_wrap=True)
     return summary
+
+
+def _warm_up(evolution: Evolution, console: Console) -> None:
+    """Load or compile every kernel, so that the clock of evolution measures evolution."""
+    if not is_compiled_before():
+        console.print(
+            "Compiling the kernels for this machine, once; this takes some seconds ...", soft_wrap=True
+        )
+    evolution.map(np.zeros((1, evolution.settings.genotype_length), np.int32))
+    evolution.route.evaluate(Forest.stack([DecisionTree.leaf(0)]), np.zeros(1, np.int64))
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,11 +84,9 @@ def advance_mountain_car(lanes: NDArray[np.float64], n: int) -> None:
         position, velocity = lanes[_STATE_0 + i], lanes[_STATE_1 + i]
         _, slope = sin_cos(3.0 * position)
         velocity = velocity + ((lanes[ACTION + i] - 1.0) * 0.001 + slope * -0.0025)
-        velocity = 0.07 if velocity > 0.07 else velocity
-        velocity = -0.07 if velocity < -0.07 else velocity
+        velocity = min(max(velocity, -0.07), 0.07)
         position = position + velocity
-        position = 0.6 if position > 0.6 else position
-        position = -1.2 if position < -1.2 else position
+        position = min(max(position, -1.2), 0.6)
         velocity = 0.0 if (position == -1.2) & (velocity < 0.0) else velocity
         lanes[_STATE_0 + i], lanes[_STATE_1 + i] = position, velocity
         lanes[_OBS_0 + i], lanes[_OBS_1 + i] = _float32(position), _float32(velocity)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import signal
@@ -81,7 +82,7 @@ class GymnasiumRoute:
             )
         # A few chunks a worker even out episodes of unlike length.
         edges = np.linspace(0, len(jobs.seed), min(4 * n_workers, len(jobs.seed)) + 1).astype(int)
-        chunks = [_Jobs(jobs.tree[a:b], jobs.seed[a:b]) for a, b in zip(edges, edges[1:], strict=False)]
+        chunks = [_Jobs(jobs.tree[a:b], jobs.seed[a:b]) for a, b in itertools.pairwise(edges)]
         try:
             parts = list(self._pool.map(_run_in_worker, [forest] * len(chunks), chunks))
         except BaseException:

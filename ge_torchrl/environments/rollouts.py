@@ -68,9 +68,10 @@ class _Work(NamedTuple):
 def _decide_by_selects(
     rows: NDArray[np.float64], values: NDArray[np.float64], forest: ForestArrays, tree: int
 ) -> None:
-    """Set every lane's ACTION, empty lanes' too, by evaluating one tree bottom-up; children follow their parents in the arrays.
+    """Set every lane's ACTION, empty lanes' too, by evaluating one tree bottom-up.
 
-    `values` [N * LANES] holds each node's answer in each lane; the leaves' are there already.
+    Children must follow their parents in the arrays. `values` [N * LANES] holds each node's answer in each lane; the
+    leaves' are there already.
     """
     # Unsigned indices: LLVM then sees that none counts from the end, and vectorises.
     lanes = np.uint64(LANES)

@@ -90,8 +90,10 @@ def closing_text(summary: Summary, tree: DecisionTree, labels: TreeLabels, folde
         ("size", f"{nodes}, depth {summary.depth}, M = {summary.complexity_M:g}"),
         (
             "effort",
-            f"{summary.generations} generations, {summary.env_steps:,} steps of the environment "
-            f"in {summary.evolve_seconds:.1f} s of evolution, {summary.wall_seconds:.1f} s in all",
+            (
+                f"{summary.generations} generations, {summary.env_steps:,} steps of the environment "
+                f"in {summary.evolve_seconds:.1f} s of evolution, {summary.wall_seconds:.1f} s in all"
+            ),
         ),
         ("run folder", str(folder)),
     ]

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ge_torchrl.config import GEConfig
 from ge_torchrl.environments.route import Route
@@ -94,7 +95,7 @@ class Evolution:
         parents = tournament(
             current.fitness, self.settings.population_size, self.settings.tournament_size, self.rng
         )
-        offspring = self._vary(current.codons[parents])
+        offspring = self._vary(current.codons, parents)
         mapping = self.map(offspring)
         old_forest = self.map(current.codons).forest if self.episodes.remeasures_parents else None
         clock.variation_ends()
@@ -111,14 +112,14 @@ class Evolution:
             current.index + 1, codons, fitness, len(offspring), _n_invalid(mapping), env_steps, *clock.seconds
         )
 
-    def _vary(self, parents: Codons) -> Codons:
+    def _vary(self, codons: Codons, parents: NDArray[np.int64]) -> Codons:
         settings = self.settings
-        crossed = (
-            crossover_one_point(parents, settings.crossover_probability, self.rng)
-            if settings.crossover_probability > 0
-            else parents
+        if settings.crossover_probability > 0:
+            codons = crossover_one_point(codons[parents], settings.crossover_probability, self.rng)
+            parents = np.arange(len(codons))
+        return mutate_uniform(
+            codons, parents, settings.gene_probability, settings.mutation_probability, self.rng
         )
-        return mutate_uniform(crossed, settings.gene_probability, settings.mutation_probability, self.rng)
 
     def _replace(
         self,
@@ -126,7 +127,7 @@ class Evolution:
         fitness: Fitness,
         offspring: Codons,
         offspring_fitness: Fitness,
-        parents: np.ndarray[tuple[int], np.dtype[np.int64]],
+        parents: NDArray[np.int64],
     ) -> tuple[Codons, Fitness]:
         kept = elite(fitness, self.settings.elites)
         if self.settings.replacement == "generational":
@@ -138,6 +139,8 @@ class Evolution:
         slots, winners = replace_parents(fitness, offspring_fitness, parents)
         free = ~np.isin(slots, kept)
         slots, winners = slots[free], winners[free]
+        if len(slots) == 0:
+            return codons, fitness
         new_codons, new_fitness = codons.copy(), fitness.copy()
         new_codons[slots] = offspring[winners]
         new_fitness[slots] = offspring_fitness[winners]

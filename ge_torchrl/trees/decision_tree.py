@@ -44,8 +44,7 @@ class DecisionTree:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            dtype = np.float32 if field.name == "threshold" else np.int32
-            array = np.array(getattr(self, field.name), dtype=dtype, ndmin=1)
+            array = _as_array(field.name, getattr(self, field.name))
             array.flags.writeable = False
             object.__setattr__(self, field.name, array)
         _check_arrays(self)
@@ -73,7 +72,7 @@ class DecisionTree:
 
         return cls(
             feature=np.concatenate([_ints([feature]), left.feature, right.feature]),
-            threshold=np.concatenate([np.float32([threshold]), left.threshold, right.threshold]),
+            threshold=np.concatenate([_as_array("threshold", [threshold]), left.threshold, right.threshold]),
             children_left=np.concatenate(
                 [_ints([1]), shifted(left.children_left, 1), shifted(right.children_left, 1 + left.n_nodes)]
             ),
@@ -159,6 +158,26 @@ def _ints(values: list[int]) -> IntArray:
     return np.array(values, dtype=np.int32)
 
 
+def _as_array(name: str, values: ArrayLike) -> NDArray[np.int32 | np.float32]:
+    """Copy into the field's type; refuse what would wrap, be cut off or be no number."""
+    try:
+        array = np.array(values, ndmin=1)
+    except ValueError as error:
+        raise InvalidTreeError(f"{name} must be one array of numbers: {error}") from error
+    if array.size == 0:
+        return np.zeros(array.shape, np.float32 if name == "threshold" else np.int32)
+    if name == "threshold":
+        if array.dtype.kind not in "fiu":
+            raise InvalidTreeError(f"threshold must hold real numbers, not {array.dtype}")
+        with np.errstate(over="ignore"):
+            # Adding zero makes -0.0 into 0.0: they compare equal, so equal trees must hold the same bytes.
+            return array.astype(np.float32) + np.float32(0.0)
+    limits = np.iinfo(np.int32)
+    if array.dtype.kind not in "iu" or array.min() < limits.min or array.max() > limits.max:
+        raise InvalidTreeError(f"{name} must hold 32-bit integers, not {array.dtype} such as {array.flat[0]}")
+    return array.astype(np.int32)
+
+
 def _check_arrays(tree: DecisionTree) -> None:
     sizes = {field.name: getattr(tree, field.name).shape for field in fields(tree)}
     if len(set(sizes.values())) != 1 or len(tree.feature.shape) != 1 or tree.n_nodes == 0:
@@ -167,6 +186,7 @@ def _check_arrays(tree: DecisionTree) -> None:
     _refuse(leaf != (tree.children_right == tree.NO_CHILD), "has only one child")
     _refuse(leaf & (tree.action < 0), "is a leaf without an action")
     _refuse(leaf & (tree.feature != tree.NO_FEATURE), "is a leaf with a feature")
+    _refuse(leaf & (tree.threshold != 0), "is a leaf with a threshold")
     _refuse(~leaf & (tree.action != tree.NO_ACTION), "is a decision node with an action")
     _refuse(~leaf & (tree.feature < 0), "is a decision node without a feature")
     _refuse(~np.isfinite(tree.threshold), "has a threshold that is not a finite number")

@@ -71,6 +71,21 @@ def test_random_trees_have_the_same_episodes_on_both_routes(environment_id, caps
 
 
 @pytest.mark.parametrize("environment_id", DYNAMICS)
+def test_long_episodes_of_a_good_tree_are_nearly_all_equal(environment_id, capsys):
+    spec = describe(environment_id)
+    forest = Forest.stack([PUBLISHED[environment_id][0]])
+    compiled, gymnasium = CompiledRoute(spec), GymnasiumRoute(spec, workers=1)
+    ours, theirs = compiled.evaluate(forest, np.arange(100)), gymnasium.evaluate(forest, np.arange(100))
+    compiled.close()
+    gymnasium.close()
+    equal = ours.returns == theirs.returns
+    with capsys.disabled():
+        print(f"\n{environment_id}, published tree: {equal.mean():.0%} of 100 episodes equal", end=" ")
+    assert equal.mean() >= LEAST_EQUAL[environment_id]
+    assert ours.returns.mean() == pytest.approx(theirs.returns.mean(), rel=2e-3)
+
+
+@pytest.mark.parametrize("environment_id", DYNAMICS)
 def test_the_gymnasium_route_is_a_plain_gymnasium_loop(environment_id):
     spec = describe(environment_id)
     trees = observed_trees(environment_id, 3, seed=2)

@@ -23,7 +23,7 @@ from ge_torchrl.trees.forest import Forest
 
 
 @pytest.fixture
-def register(request):
+def register():
     ids = []
 
     def register(kind):
@@ -128,5 +128,5 @@ def test_auto_falls_back_with_a_warning_where_gymnasium_differs(monkeypatch, cap
 
 
 def test_compiled_route_is_refused_where_there_is_none(register):
-    with pytest.raises(EnvironmentFaultError, match="env.route=compiled needs compiled dynamics"):
+    with pytest.raises(EnvironmentFaultError, match=r"env\.route=compiled needs compiled dynamics"):
         open_route(describe(register(CountdownEnv)), "compiled")

@@ -13,7 +13,7 @@ class ScriptedRoute:
     def __init__(self, returns, lengths):
         self.outcomes = Outcomes(np.array(returns, float), np.array(lengths))
 
-    def evaluate(self, forest, seeds):
+    def evaluate(self, forest, seeds):  # noqa: ARG002
         return self.outcomes
 
 

@@ -1,0 +1,150 @@
+"""What a grammar must fulfil beyond its syntax: a derivation is always a tree, and some derivation ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from graphlib import CycleError, TopologicalSorter
+from typing import NoReturn
+
+from ge_torchrl.errors import GrammarError
+from ge_torchrl.ge.productions import (
+    Action,
+    Constants,
+    Feature,
+    If,
+    Kind,
+    LessThan,
+    Nonterminal,
+    Place,
+    Production,
+    Rule,
+    slots,
+    terms,
+)
+
+
+def check_rules(rules: Mapping[str, Rule]) -> dict[str, Kind]:
+    """Check rules, of which the first is the start, and find out what each derives.
+
+    Args:
+        rules: The rules by name.
+
+    Returns:
+        The kind of every rule, ordered so that a rule stands after those it has as whole productions.
+
+    Raises:
+        GrammarError: A rule is undefined, derives itself and nothing else, mixes kinds, never ends or is
+            never reached, or the start does not derive a tree.
+    """
+    _check_defined(rules)
+    kinds = _kinds(rules)
+    for rule in rules.values():
+        for production in rule.productions:
+            _check_slots(production, kinds)
+    start = next(iter(rules.values()))
+    if kinds[start.name] is not Kind.TREE:
+        fail(
+            start.place, f"the first rule must derive a tree, but <{start.name}> is {kinds[start.name].value}"
+        )
+    _check_productive(rules)
+    _check_reachable(rules)
+    return kinds
+
+
+def fail(place: Place, message: str) -> NoReturn:
+    """Raise a `GrammarError` for a place in the text."""
+    raise GrammarError(f"{place}: {message}")
+
+
+def _check_defined(rules: Mapping[str, Rule]) -> None:
+    for rule in rules.values():
+        for name, place in _references(rule):
+            if name not in rules:
+                known = ", ".join(f"<{known}>" for known in rules)
+                fail(place, f"<{name}> has no rule; the rules are {known}")
+
+
+def _references(rule: Rule) -> list[tuple[str, Place]]:
+    return [
+        (term.name, term.place)
+        for production in rule.productions
+        for term in terms(production)
+        if isinstance(term, Nonterminal)
+    ]
+
+
+def _kinds(rules: Mapping[str, Rule]) -> dict[str, Kind]:
+    units = {
+        name: [production.name for production in rule.productions if isinstance(production, Nonterminal)]
+        for name, rule in rules.items()
+    }
+    try:
+        order = list(TopologicalSorter(units).static_order())
+    except CycleError as error:
+        cycle = error.args[1][::-1]
+        path = " -> ".join(f"<{name}>" for name in cycle)
+        fail(rules[cycle[0]].place, f"<{cycle[0]}> derives itself without adding anything: {path}")
+    kinds: dict[str, Kind] = {}
+    for name in order:
+        first, *others = rules[name].productions
+        kinds[name] = _kind(first, kinds)
+        for production in others:
+            if (kind := _kind(production, kinds)) is not kinds[name]:
+                fail(
+                    production.place,
+                    f"the productions of <{name}> must be of one kind; "
+                    f"the first is {kinds[name].value}, this one is {kind.value}",
+                )
+    return kinds
+
+
+def _kind(production: Production, kinds: Mapping[str, Kind]) -> Kind:
+    match production:
+        case Action() | If():
+            return Kind.TREE
+        case LessThan():
+            return Kind.CONDITION
+        case Feature():
+            return Kind.FEATURE
+        case Constants():
+            return Kind.CONSTANT
+        case Nonterminal():
+            return kinds[production.name]
+
+
+def _check_slots(production: Production, kinds: Mapping[str, Kind]) -> None:
+    for term in terms(production):
+        for part, expected in slots(term):
+            if (kind := _kind(part, kinds)) is not expected:
+                fail(part.place, f"expected {expected.value} here, but this is {kind.value}")
+
+
+def _check_productive(rules: Mapping[str, Rule]) -> None:
+    ending: set[str] = set()
+    grew = True
+    while grew:
+        found = {
+            name
+            for name, rule in rules.items()
+            if any(_refers_only_to(ending, production) for production in rule.productions)
+        }
+        grew, ending = found > ending, found
+    for rule in rules.values():
+        if rule.name not in ending:
+            fail(rule.place, f"<{rule.name}> never ends: each of its productions leads back to itself")
+
+
+def _refers_only_to(names: set[str], production: Production) -> bool:
+    return all(term.name in names for term in terms(production) if isinstance(term, Nonterminal))
+
+
+def _check_reachable(rules: Mapping[str, Rule]) -> None:
+    start = next(iter(rules))
+    reached, pending = {start}, [start]
+    while pending:
+        new = {name for name, _ in _references(rules[pending.pop()])} - reached
+        reached |= new
+        pending.extend(new)
+    for rule in rules.values():
+        if rule.name not in reached:
+            fail(rule.place, f"<{rule.name}> is never used: no derivation from <{start}> reaches it")

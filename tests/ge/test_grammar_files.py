@@ -1,0 +1,70 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+
+from ge_torchrl.ge.encoding import encode
+from ge_torchrl.ge.grammar import read_grammar
+from ge_torchrl.ge.mapping import map_population
+from ge_torchrl.ge.operators import random_population
+from ge_torchrl.ge.rule_tables import compile_rules
+
+FOLDER = Path(__file__).parents[2] / "conf" / "grammar"
+NAMES = {
+    "cartpole": ("x x_dot theta theta_dot", "left right"),
+    "acrobot": (
+        "cos_theta1 sin_theta1 cos_theta2 sin_theta2 omega1 omega2",
+        "torque_minus torque_zero torque_plus",
+    ),
+    "mountaincar": ("position velocity", "left none right"),
+    "lunarlander": (
+        "x y x_dot y_dot theta theta_dot left_leg right_leg",
+        "none left_engine main_engine right_engine",
+    ),
+}
+FILES = [f"{environment}{suffix}" for environment in NAMES for suffix in ("", "_per_feature")]
+
+
+def grammar_of(file):
+    environment = file.removesuffix("_per_feature")
+    features, actions = NAMES[environment]
+    return read_grammar(OmegaConf.load(FOLDER / f"{file}.yaml").bnf, features.split(), actions.split())
+
+
+def test_the_folder_holds_these_files():
+    assert sorted(path.stem for path in FOLDER.iterdir()) == sorted(FILES)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_a_file_names_itself_and_offers_constants_with_every_feature(file):
+    text = (FOLDER / f"{file}.yaml").read_text()
+    assert text.startswith("# Decision trees for ")
+    assert OmegaConf.create(text).name == file
+    for offered in grammar_of(file).constants:
+        (constants,) = offered
+        # Zero, or the one value between no contact and contact of a leg, is the threshold that physics suggests.
+        assert constants.find(0.0) is not None or constants.value(0) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("file", "n_constants", "low", "high"),
+    [("cartpole", 1921, -4.8, 4.8), ("acrobot", 56541, -28.27, 28.27), ("mountaincar", 361, -1.2, 0.6)],
+)
+def test_the_ranges_of_the_thesis(file, n_constants, low, high):
+    for (constants,) in grammar_of(file).constants:
+        assert constants.count == n_constants
+        assert constants.value(0) == np.float32(low)
+        assert constants.value(n_constants - 1) == np.float32(high)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_mapped_trees_come_back_from_foreign_genotypes(file):
+    tables = compile_rules(grammar_of(file), single_choice_consumes=False)
+    codons = random_population(20, 100, np.random.default_rng(0))
+    mapping = map_population(codons, tables)
+    assert mapping.valid.sum() >= 10
+    for individual in np.flatnonzero(mapping.valid):
+        tree = mapping.forest.tree(individual)
+        encoded = encode(tree, codons[individual - 1], tables)
+        assert map_population(encoded[np.newaxis], tables).forest.tree(0) == tree

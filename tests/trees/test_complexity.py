@@ -1,0 +1,53 @@
+import pytest
+from hypothesis import given
+from strategies import trees
+
+from ge_torchrl.trees.complexity import Complexity, complexity
+from ge_torchrl.trees.decision_tree import DecisionTree
+
+
+def chain(n_decision_nodes):
+    tree = DecisionTree.leaf(0)
+    for _ in range(n_decision_nodes):
+        tree = DecisionTree.split(0, 0.5, tree, DecisionTree.leaf(1))
+    return tree
+
+
+def test_a_lone_leaf_is_as_readable_as_can_be():
+    assert complexity(DecisionTree.leaf(2)) == Complexity(1, 0, 0, 0)
+    assert complexity(DecisionTree.leaf(2)).M == 0.0
+
+
+@pytest.mark.parametrize(
+    ("n_decision_nodes", "printed"),
+    [(1, "17.8"), (2, "35.6"), (3, "53.4"), (4, "71.2"), (5, "89.0"), (6, "106.8")],
+)
+def test_metric_is_the_one_of_the_published_tables(n_decision_nodes, printed):
+    assert str(complexity(chain(n_decision_nodes)).M) == printed
+
+
+def test_counts_of_two_decision_nodes():
+    assert complexity(chain(2)) == Complexity(
+        size=11, operations=4, non_arithmetic_operations=4, non_arithmetic_compositions=4
+    )
+
+
+@pytest.mark.parametrize(
+    ("counts", "metric"),
+    [
+        ((0, 0, 0, 0), -0.2),
+        ((1, 0, 0, 0), 0.0),
+        ((0, 1, 0, 0), 0.3),
+        ((0, 0, 1, 0), 3.2),
+        ((0, 0, 0, 1), 4.3),
+    ],
+)
+def test_each_coefficient_of_equation_4(counts, metric):
+    computed = Complexity(*counts).M
+    assert computed == metric
+
+
+@given(trees())
+def test_every_decision_node_adds_the_same(tree):
+    computed = complexity(tree).M
+    assert computed == pytest.approx(17.8 * tree.n_decision_nodes)
