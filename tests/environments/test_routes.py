@@ -82,7 +82,9 @@ def test_long_episodes_of_a_good_tree_are_nearly_all_equal(environment_id, capsy
     with capsys.disabled():
         print(f"\n{environment_id}, published tree: {equal.mean():.0%} of 100 episodes equal", end=" ")
     assert equal.mean() >= LEAST_EQUAL[environment_id]
-    assert ours.returns.mean() == pytest.approx(theirs.returns.mean(), rel=2e-3)
+    # The few episodes that part ways are other draws from the same distribution.
+    standard_error = theirs.returns.std() / np.sqrt(theirs.returns.size)
+    assert abs(ours.returns.mean() - theirs.returns.mean()) <= 2 * standard_error
 
 
 @pytest.mark.parametrize("environment_id", DYNAMICS)
