@@ -31,7 +31,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
 from ge_torchrl.config import Config, check_key, template
-from ge_torchrl.errors import ConfigError, UserError
+from ge_torchrl.errors import ArtefactError, ConfigError, UserError
 
 OK, FAULT, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 _VERSION_BASE = "1.3"
@@ -50,6 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if arguments[:1] == ["evaluate"]:
             return _evaluate(arguments[1:])
+        if arguments[:1] == ["report"]:
+            return _tabulate(arguments[1:])
         return _run(arguments)
     except UserError as error:
         return _report(error)
@@ -74,6 +76,25 @@ def _evaluate(arguments: list[str]) -> int:
 
     summary = evaluation.evaluate(options.path, options.episodes, options.seed, options.route)
     print(json.dumps(summary.as_dict()) if options.json else summary.as_text())
+    return OK
+
+
+def _tabulate(arguments: list[str]) -> int:
+    parser = _Parser(prog="ge-torchrl report", description="Print a Markdown table of finished runs.")
+    parser.add_argument(
+        "folders", metavar="FOLDER", nargs="+", type=Path, help="a run's or sweep's folder, or any above them"
+    )
+    options = parser.parse_args(arguments)
+
+    from ge_torchrl.artefacts import find_runs
+    from ge_torchrl.report.tables import runs_table
+
+    summaries = [found.read_summary() for folder in options.folders for found in find_runs(folder)]
+    if not summaries:
+        raise ArtefactError(
+            f"expected folders with finished runs; found none in {', '.join(map(str, options.folders))}"
+        )
+    print(runs_table(summaries))
     return OK
 
 

@@ -25,7 +25,7 @@ from ge_torchrl.trees.forest import ForestArrays
 
 # Below these a bottom-up evaluation of all nodes is cheaper than walks (measured by the benchmarks).
 SELECT_MAX_NODES = 63
-SELECT_MIN_EPISODES = 48
+SELECT_MIN_EPISODES = 24
 
 
 class _Lanes(NamedTuple):
@@ -35,19 +35,21 @@ class _Lanes(NamedTuple):
         rows: [LANE_ROWS * LANES] float64, as `dynamics` lays them out.
         total: [LANES] float64, the return so far.
         steps: [LANES] int64, steps so far.
-        job: [LANES] int64, which job the lane runs, -1 for none.
-        root: [LANES] int64, the first row of the job's tree.
+        tree: [LANES] int64, whose episode it is.
+        episode: [LANES] int64, which episode it is.
+        root: [LANES] int64, the first row of the tree.
     """
 
     rows: NDArray[np.float64]
     total: NDArray[np.float64]
     steps: NDArray[np.int64]
-    job: NDArray[np.int64]
+    tree: NDArray[np.int64]
+    episode: NDArray[np.int64]
     root: NDArray[np.int64]
 
 
 class _Work(NamedTuple):
-    """What is to be run, and where its results go; job `j` is episode `j % E` of tree `j // E`.
+    """What is to be run, and where its results go.
 
     Attributes:
         starts: [E, START_ROWS], the episodes' first states and observations.
@@ -111,24 +113,28 @@ def _decide_by_walks(lanes: _Lanes, forest: ForestArrays, visits: NDArray[np.int
 
 
 @compiled
-def _take_job(lanes: _Lanes, i: int, work: _Work, forest: ForestArrays, next_job: int, last_job: int) -> int:
-    """Start the next job that has a tree in lane `i`, or mark the lane empty; return the job after it."""
-    n_episodes = len(work.starts)
-    while next_job < last_job:
-        tree = next_job // n_episodes
-        if forest.offsets[tree + 1] > forest.offsets[tree]:
-            break
-        next_job = (tree + 1) * n_episodes
-    if next_job >= last_job:
-        lanes.job[i] = -1
-        return next_job
-    lanes.job[i] = next_job
-    lanes.root[i] = forest.offsets[next_job // n_episodes]
+def _next_tree(forest: ForestArrays, tree: int, last_tree: int) -> int:
+    """Return the first individual from `tree` on that has a tree, `last_tree` if none has."""
+    while tree < last_tree and forest.offsets[tree + 1] == forest.offsets[tree]:
+        tree += 1
+    return tree
+
+
+@compiled
+def _start_episode(
+    lanes: _Lanes, i: int, work: _Work, forest: ForestArrays, tree: int, episode: int, last_tree: int
+) -> tuple[int, int]:
+    """Begin an episode of a tree in lane `i`; return the tree and the episode that come next."""
+    lanes.tree[i] = tree
+    lanes.episode[i] = episode
+    lanes.root[i] = forest.offsets[tree]
     lanes.total[i] = 0.0
     lanes.steps[i] = 0
     for row in range(START_ROWS):
-        lanes.rows[row * LANES + i] = work.starts[next_job % n_episodes, row]
-    return next_job + 1
+        lanes.rows[row * LANES + i] = work.starts[episode, row]
+    if episode + 1 < len(work.starts):
+        return tree, episode + 1
+    return _next_tree(forest, tree + 1, last_tree), 0
 
 
 @compiled
@@ -143,20 +149,13 @@ def _count_step(lanes: _Lanes, max_episode_steps: int, n: int) -> int:
 
 
 @compiled
-def _finish_episode(lanes: _Lanes, i: int, work: _Work) -> None:
-    """Write down the return and the length of the episode in lane `i`."""
-    tree, episode = lanes.job[i] // len(work.starts), lanes.job[i] % len(work.starts)
-    work.returns[tree, episode] = lanes.total[i]
-    work.lengths[tree, episode] = lanes.steps[i]
-
-
-@compiled
 def _move_lane(lanes: _Lanes, source: int, target: int) -> None:
     for row in range(LANE_ROWS):
         lanes.rows[row * LANES + target] = lanes.rows[row * LANES + source]
     lanes.total[target] = lanes.total[source]
     lanes.steps[target] = lanes.steps[source]
-    lanes.job[target] = lanes.job[source]
+    lanes.tree[target] = lanes.tree[source]
+    lanes.episode[target] = lanes.episode[source]
     lanes.root[target] = lanes.root[source]
 
 
@@ -171,12 +170,12 @@ def _leaf_values(forest: ForestArrays, tree: int) -> NDArray[np.float64]:
 
 
 @compiled
-def _run_jobs(
-    dynamics: int, work: _Work, forest: ForestArrays, first_job: int, last_job: int, by_selects: bool
+def _run_trees(
+    dynamics: int, work: _Work, forest: ForestArrays, first_tree: int, last_tree: int, by_selects: bool
 ) -> None:
-    """Run jobs `first_job` to `last_job - 1`; with `by_selects` they all belong to one tree.
+    """Run every episode of trees `first_tree` to `last_tree - 1`; with `by_selects` that is one tree.
 
-    A lane that ends takes the next job; when none is left the last running lane moves into its place.
+    A lane that ends takes the next episode; when none is left the last running lane moves into its place.
     """
     lanes = _Lanes(
         np.zeros(LANE_ROWS * LANES),
@@ -184,26 +183,28 @@ def _run_jobs(
         np.zeros(LANES, np.int64),
         np.zeros(LANES, np.int64),
         np.zeros(LANES, np.int64),
+        np.zeros(LANES, np.int64),
     )
-    tree = first_job // len(work.starts)
-    values = _leaf_values(forest, tree) if by_selects else np.zeros(0)
-    next_job, n = first_job, 0
-    for i in range(LANES):
-        next_job = _take_job(lanes, i, work, forest, next_job, last_job)
-        n += lanes.job[i] >= 0
+    values = _leaf_values(forest, first_tree) if by_selects else np.zeros(0)
+    tree, episode, n = _next_tree(forest, first_tree, last_tree), 0, 0
+    while n < LANES and tree < last_tree:
+        tree, episode = _start_episode(lanes, n, work, forest, tree, episode, last_tree)
+        n += 1
     while n > 0:
         if by_selects:
-            _decide_by_selects(lanes.rows, values, forest, tree)
+            _decide_by_selects(lanes.rows, values, forest, first_tree)
         else:
             _decide_by_walks(lanes, forest, work.visits, n)
         advance(dynamics, lanes.rows, n)
         if _count_step(lanes, work.max_episode_steps, n) == 0:
             continue
         for i in range(n - 1, -1, -1):
-            if (lanes.rows[TERMINATED + i] != 0.0) | (lanes.steps[i] >= work.max_episode_steps):
-                _finish_episode(lanes, i, work)
-                next_job = _take_job(lanes, i, work, forest, next_job, last_job)
-                if lanes.job[i] < 0:
+            if lanes.rows[TERMINATED + i] != 0.0 or lanes.steps[i] >= work.max_episode_steps:
+                work.returns[lanes.tree[i], lanes.episode[i]] = lanes.total[i]
+                work.lengths[lanes.tree[i], lanes.episode[i]] = lanes.steps[i]
+                if tree < last_tree:
+                    tree, episode = _start_episode(lanes, i, work, forest, tree, episode, last_tree)
+                else:
                     n -= 1
                     _move_lane(lanes, n, i)
 
@@ -236,11 +237,10 @@ def run_forest(
         lengths: [P, E] int64, written likewise.
         visits: [M] int64, increased by the visits of each node, or [0] to count none.
     """
-    n_episodes = len(starts)
     work = _Work(starts, max_episode_steps, returns, lengths, visits)
-    if n_episodes < SELECT_MIN_EPISODES or len(visits) > 0:
-        _run_jobs(dynamics, work, forest, first_tree * n_episodes, last_tree * n_episodes, False)
+    if len(starts) < SELECT_MIN_EPISODES or len(visits) > 0:
+        _run_trees(dynamics, work, forest, first_tree, last_tree, False)
         return
     for tree in range(first_tree, last_tree):
         by_selects = forest.offsets[tree + 1] - forest.offsets[tree] <= SELECT_MAX_NODES
-        _run_jobs(dynamics, work, forest, tree * n_episodes, (tree + 1) * n_episodes, by_selects)
+        _run_trees(dynamics, work, forest, tree, tree + 1, by_selects)

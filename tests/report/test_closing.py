@@ -1,0 +1,56 @@
+from pathlib import Path
+
+from records_for_tests import summary
+
+from ge_torchrl.report.closing import EvaluationSummary, closing_text, verdict
+from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.labels import TreeLabels
+
+leaf, split = DecisionTree.leaf, DecisionTree.split
+LABELS = TreeLabels(
+    "CartPole-v1", ("x", "x_dot", "theta", "theta_dot"), ("m", "m/s", "rad", "rad/s"), ("left", "right")
+)
+TREE = split(2, 0.0154, split(3, 0.229, leaf(0), leaf(1)), leaf(1))
+
+
+def test_closing_summary_in_full():
+    text = closing_text(
+        summary(decision_nodes=2, complexity_M=35.6, env_steps=6_026_646), TREE, LABELS, Path("out/run")
+    )
+    assert text == (
+        "theta < 0.0154 rad?\n"
+        "├─ yes: theta_dot < 0.229 rad/s?\n"
+        "│       ├─ yes: left\n"
+        "│       └─ no:  right\n"
+        "└─ no:  right\n"
+        "\n"
+        "training    500.00  the champion's fitness on its training episodes\n"
+        "validation  490.00  on the episodes that chose it\n"
+        "test        487.40 ± 12.35  on 100 unseen episodes\n"
+        "verdict     SOLVED: the threshold is a mean return of 475\n"
+        "size        2 decision nodes, depth 2, M = 35.6\n"
+        "effort      200 generations, 6,026,646 steps of the environment in 0.2 s of evolution, 0.5 s in all\n"
+        "run folder  out/run"
+    )
+
+
+def test_an_early_end_is_told_first():
+    text = closing_text(summary(stopped_by="interrupt"), leaf(0), LABELS, Path("run"))
+    assert text.splitlines()[:3] == ["always left", "", "stopped by  interrupt"]
+
+
+def test_verdicts():
+    assert verdict(True, -110.0) == "SOLVED: the threshold is a mean return of -110"
+    assert verdict(False, 475.0).startswith("not solved")
+    assert verdict(None, None) == "no threshold is agreed on for this environment"
+
+
+def test_evaluation_in_words():
+    measured = EvaluationSummary(
+        "CartPole-v1", 499.968, 1.0, 490.0, 500.0, 1000, 10000, True, 475.0, "compiled", 2
+    )
+    assert measured.as_text() == (
+        "CartPole-v1: mean return 499.968 ± 1.000 (min 490, max 500) over 1000 episodes\n"
+        "seeds 10000 to 10999, compiled route, 2 decision nodes\n"
+        "SOLVED: the threshold is a mean return of 475"
+    )
