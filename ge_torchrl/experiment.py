@@ -106,7 +106,8 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     finally:
         route.close()
     console.print()
-    console.print(closing_text(summary, champion.pruned, planned.spec.labels, folder.path), soft_wrap=True)
+    shown = folder.path.relative_to(Path.cwd()) if folder.path.is_relative_to(Path.cwd()) else folder.path
+    console.print(closing_text(summary, champion.pruned, planned.spec.labels, shown), soft_wrap=True)
     return summary
 
 

@@ -205,3 +205,15 @@ def test_first_action_of_a_shifted_action_space_is_respected():
     route.close()
     # CountdownEnv pays the action's own number, 5 or 6, for each of its three steps.
     assert outcomes.returns.tolist() == [[15, 15], [18, 18]]
+
+
+def test_lunar_lander_runs_and_a_used_environment_is_as_good_as_a_new_one():
+    pytest.importorskip("Box2D")
+    spec = describe("LunarLander-v3")
+    tree = split(4, -0.07, leaf(1), split(3, -0.3, leaf(2), leaf(3)))
+    route = GymnasiumRoute(spec, workers=1)
+    crowd = route.evaluate(Forest.stack([tree]), np.arange(20))
+    again = route.evaluate(Forest.stack([tree]), np.array([19, 3]))
+    route.close()
+    np.testing.assert_array_equal(again.returns[0], crowd.returns[0, [19, 3]])
+    assert spec.solved_at == 200
