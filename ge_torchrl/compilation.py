@@ -60,4 +60,4 @@ def compiled(function: _Function) -> _Function:
 
 def is_compiled_before() -> bool:
     """Tell whether this version's kernels have been compiled on this machine; if not, the first call takes seconds."""
-    return cache_directory().exists()
+    return any(cache_directory().rglob("*.nbi"))

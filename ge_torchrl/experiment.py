@@ -27,7 +27,6 @@ from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.fitness import TrainingEpisodes, measure
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.complexity import complexity
-from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.serialization import TreeDocument
 from ge_torchrl.trees.simplify import simplify_exact
@@ -99,7 +98,9 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
             ),
             stream(config.seed, "evolution"),
         )
-        _warm_up(evolution, console)
+        if not is_compiled_before():
+            console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
+        evolution.warm_up()
         with folder.history_writer() as history, Progress(console, config.ge.generations) as progress:
             evolved = _evolve(evolution, planned, history, progress)
         summary, champion = _conclude(planned, evolution, evolved, folder, started)
@@ -109,16 +110,6 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     shown = folder.path.relative_to(Path.cwd()) if folder.path.is_relative_to(Path.cwd()) else folder.path
     console.print(closing_text(summary, champion.pruned, planned.spec.labels, shown), soft_wrap=True)
     return summary
-
-
-def _warm_up(evolution: Evolution, console: Console) -> None:
-    """Load or compile every kernel, so that the clock of evolution measures evolution."""
-    if not is_compiled_before():
-        console.print(
-            "Compiling the kernels for this machine, once; this takes some seconds ...", soft_wrap=True
-        )
-    evolution.map(np.zeros((1, evolution.settings.genotype_length), np.int32))
-    evolution.route.evaluate(Forest.stack([DecisionTree.leaf(0)]), np.zeros(1, np.int64))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,8 @@ from ge_torchrl.ge.operators import crossover_one_point, mutate_uniform, random_
 from ge_torchrl.ge.rule_tables import RuleTables
 from ge_torchrl.ge.selection import elite, replace_parents, tournament
 from ge_torchrl.search.fitness import Fitness, TrainingEpisodes, measure
+from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.forest import Forest
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,12 @@ class Evolution:
         while True:
             current = self._next(current)
             yield current
+
+    def warm_up(self) -> None:
+        """Load or compile every kernel, so that a clock started afterwards measures evolution."""
+        codons = np.zeros((1, self.settings.genotype_length), np.int32)
+        self.map(mutate_uniform(codons, np.zeros(1, np.int64), 0.5, 1.0, np.random.default_rng(0)))
+        self.route.evaluate(Forest.stack([DecisionTree.leaf(0)]), np.zeros(1, np.int64))
 
     def map(self, codons: Codons) -> Mapping:
         """Map genotypes [P, K] to their trees."""
