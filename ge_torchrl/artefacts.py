@@ -7,6 +7,7 @@
 | `best_tree.json` | the champion, pruned |
 | `best_tree_full.json` | the champion as its genotype maps to it |
 | `best_tree.txt` | the pruned champion for a person |
+| `refinements.jsonl` | a `RefinementRecord` for each application of PPO |
 | `summary.json` | the `Summary` |
 """
 
@@ -25,12 +26,19 @@ from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.trees.serialization import TreeDocument, read_tree, write_tree
 
-CONFIG, HISTORY, SUMMARY = "config.yaml", "history.jsonl", "summary.json"
+CONFIG, HISTORY, REFINEMENTS, SUMMARY = "config.yaml", "history.jsonl", "refinements.jsonl", "summary.json"
 BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT = "best_tree.json", "best_tree_full.json", "best_tree.txt"
 
 # What the clock says differs from run to run; everything else is a function of configuration and seed (law 6).
 CLOCK_FIELDS = frozenset(
-    {"evolve_seconds", "wall_seconds", "elapsed_seconds", "evaluation_seconds", "variation_seconds"}
+    {
+        "evolve_seconds",
+        "wall_seconds",
+        "elapsed_seconds",
+        "evaluation_seconds",
+        "variation_seconds",
+        "refine_seconds",
+    }
 )
 
 
@@ -41,6 +49,7 @@ class GenerationRecord:
     Attributes:
         generation: 0 for the random first population.
         best_fitness: Of the whole population; None where no individual has a tree.
+        best_refined: The best return that a refined tree was measured with so far; None before there is one.
         median_fitness: Of the individuals that have a tree.
         mean_fitness: Likewise.
         best_decision_nodes: Size of the fittest tree, without splits that no state can reach.
@@ -54,6 +63,7 @@ class GenerationRecord:
 
     generation: int
     best_fitness: float | None
+    best_refined: float | None
     median_fitness: float | None
     mean_fitness: float | None
     best_decision_nodes: int | None
@@ -63,6 +73,62 @@ class GenerationRecord:
     elapsed_seconds: float
     evaluation_seconds: float
     variation_seconds: float
+
+
+@dataclass(frozen=True)
+class RefinementRecord:
+    """One application of PPO to one tree; numbers are None where no candidate was found.
+
+    Attributes:
+        generation: After whose selection it happened.
+        outcome: "improved" where the tree is better than before on the same unseen episodes, "not_improved",
+            "failed" where training broke off, "skipped" where no candidate was found.
+        chosen: "best" or "random", as the first draw was; None if skipped.
+        redraws: Rejected candidates.
+        individual: Index in the population of the tree that was refined.
+        decision_nodes: Size of that tree.
+        fitness_before: Its fitness on the training episodes.
+        return_before: Its mean return on the measuring episodes.
+        soft_return: Mean return of the soft tree's episodes in the last update.
+        return_after: Mean return of the hardened tree on the measuring episodes.
+        new_best: Whether that exceeds the generation's best fitness, refined trees included.
+        thresholds_moved: Thresholds that changed.
+        largest_threshold_move: Largest change of a threshold.
+        leaves_changed: Leaves whose action changed.
+        timesteps: Environment steps sampled.
+        updates: Batches of samples.
+        gradient_steps: Optimiser steps.
+        actor_loss: Clipped surrogate at the last step.
+        critic_loss: Value loss at the last step.
+        clip_fraction: Share of clipped ratios at the last step.
+        kl: Approximate divergence from the sampling policy at the last step.
+        failure: What broke, or None.
+        refine_seconds: Clock time.
+    """
+
+    generation: int
+    outcome: str
+    redraws: int
+    chosen: str | None = None
+    individual: int | None = None
+    decision_nodes: int | None = None
+    fitness_before: float | None = None
+    return_before: float | None = None
+    soft_return: float | None = None
+    return_after: float | None = None
+    new_best: bool = False
+    thresholds_moved: int | None = None
+    largest_threshold_move: float | None = None
+    leaves_changed: int | None = None
+    timesteps: int | None = None
+    updates: int | None = None
+    gradient_steps: int | None = None
+    actor_loss: float | None = None
+    critic_loss: float | None = None
+    clip_fraction: float | None = None
+    kl: float | None = None
+    failure: str | None = None
+    refine_seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -86,7 +152,11 @@ class Summary:
         stopped_by: "generations", "solved", "max_seconds", "max_env_steps" or "interrupt".
         env_steps: Environment steps of evolution.
         env_steps_total: With validation, pruning and test.
-        evolve_seconds: Clock time of evolution.
+        refinements: Applications of PPO to a tree, skipped ones not counted.
+        refinements_improved: Those that made the tree better on the same unseen episodes.
+        champion_from: "population", or "refinement" if the champion is a refined tree.
+        evolve_seconds: Clock time of evolution, refinements included.
+        refine_seconds: Clock time of the refinements.
         wall_seconds: Clock time of the whole run.
         invalid_fraction: Share of all individuals ever made that have no tree.
         route: "compiled" or "gymnasium".
@@ -110,7 +180,11 @@ class Summary:
     stopped_by: str
     env_steps: int
     env_steps_total: int
+    refinements: int
+    refinements_improved: int
+    champion_from: str
     evolve_seconds: float
+    refine_seconds: float
     wall_seconds: float
     invalid_fraction: float
     route: str
@@ -118,7 +192,7 @@ class Summary:
     version: str
 
 
-_Record = TypeVar("_Record", GenerationRecord, Summary)
+_Record = TypeVar("_Record", GenerationRecord, RefinementRecord, Summary)
 
 
 class RunFolder:
@@ -151,9 +225,13 @@ class RunFolder:
             raise ArtefactError(f"the run folder {path} cannot be written: {error.strerror}") from error
         return cls(path)
 
-    def history_writer(self) -> HistoryWriter:
+    def history_writer(self) -> RecordWriter:
         """Open the history for writing, record by record."""
-        return HistoryWriter(self.path / HISTORY)
+        return RecordWriter(self.path / HISTORY)
+
+    def refinements_writer(self) -> RecordWriter:
+        """Open the refinements for writing, record by record."""
+        return RecordWriter(self.path / REFINEMENTS)
 
     def write_trees(self, pruned: TreeDocument, full: TreeDocument, text: str) -> None:
         """Write the champion, as a file, in full, and for a person."""
@@ -185,10 +263,15 @@ class RunFolder:
         Raises:
             ArtefactError: There is no history, or a line is not a record.
         """
-        lines = _read(self.path / HISTORY).splitlines()
-        return [
-            _record(GenerationRecord, line, f"{self.path / HISTORY}:{n}") for n, line in enumerate(lines, 1)
-        ]
+        return _records(GenerationRecord, self.path / HISTORY)
+
+    def read_refinements(self) -> list[RefinementRecord]:
+        """Read all applications of PPO.
+
+        Raises:
+            ArtefactError: There is no such file, or a line is not a record.
+        """
+        return _records(RefinementRecord, self.path / REFINEMENTS)
 
     def read_summary(self) -> Summary:
         """Read the summary.
@@ -208,8 +291,8 @@ class RunFolder:
         return read_tree(self.path / BEST_TREE)
 
 
-class HistoryWriter:
-    """Writes the history, a line a generation, so that an interrupted run keeps what it had."""
+class RecordWriter:
+    """Writes records line by line, so that an interrupted run keeps what it had."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -225,10 +308,10 @@ class HistoryWriter:
         if self._file is not None:
             self._file.close()
 
-    def write(self, record: GenerationRecord) -> None:
-        """Append one generation."""
+    def write(self, record: GenerationRecord | RefinementRecord) -> None:
+        """Append one record."""
         if self._file is None:
-            raise ValueError("the history is written inside a with statement")
+            raise ValueError("records are written inside a with statement")
         self._file.write(json.dumps(asdict(record), allow_nan=False) + "\n")
 
 
@@ -243,6 +326,10 @@ def _read(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except OSError as error:
         raise ArtefactError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def _records(kind: type[_Record], path: Path) -> list[_Record]:
+    return [_record(kind, line, f"{path}:{n}") for n, line in enumerate(_read(path).splitlines(), 1)]
 
 
 def _record(kind: type[_Record], text: str, source: str) -> _Record:

@@ -35,22 +35,40 @@ def check_integer(record: Record, name: str, at_least: int, because: str, *, opt
     _set(record, name, int(value))
 
 
-def check_number(record: Record, name: str, *, above: float = -math.inf, optional: bool = False) -> None:
-    """Refuse anything but a finite number above `above`, or None where it is optional."""
+def check_integers(record: Record, name: str, at_least: int, because: str) -> None:
+    """Refuse anything but a list of integers of at least `at_least`."""
+    value = getattr(record, name)
+    is_list = isinstance(value, Sequence) and not isinstance(value, str)
+    if not is_list or not all(_is_integer(number) and number >= at_least for number in value):
+        refuse(record, name, f"a list of integers of at least {at_least}", because)
+    _set(record, name, tuple(int(number) for number in value))
+
+
+def check_number(
+    record: Record,
+    name: str,
+    *,
+    above: float = -math.inf,
+    at_least: float = -math.inf,
+    optional: bool = False,
+) -> None:
+    """Refuse anything but a finite number above `above` and of at least `at_least`, or None where optional."""
     value = getattr(record, name)
     if optional and value is None:
         return
-    if not _is_number(value) or not math.isfinite(value) or value <= above:
-        bound = "" if above == -math.inf else f" above {above:g}"
-        refuse(record, name, f"a finite number{bound}{_or_null(optional)}")
+    if not _is_number(value) or not math.isfinite(value) or value <= above or value < at_least:
+        bounds = [f" above {above:g}"] * (above > -math.inf) + [f" of at least {at_least:g}"] * (
+            at_least > -math.inf
+        )
+        refuse(record, name, f"a finite number{''.join(bounds)}{_or_null(optional)}")
     _set(record, name, float(value))
 
 
-def check_probability(record: Record, name: str) -> None:
+def check_probability(record: Record, name: str, because: str = "it is a probability") -> None:
     """Refuse anything but a number from 0 to 1."""
     value = getattr(record, name)
     if not _is_number(value) or not 0 <= value <= 1:
-        refuse(record, name, "a number from 0 to 1", "it is a probability")
+        refuse(record, name, "a number from 0 to 1", because)
     _set(record, name, float(value))
 
 
@@ -94,6 +112,10 @@ def refuse(record: Record, name: str, expected: str, because: str = "") -> NoRet
     reason = f", because {because}" if because else ""
     came = "null" if value is None else repr(value)
     raise ConfigError(f"{key} must be {expected}{reason}; got {came}")
+
+
+def _is_integer(value: Any) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def _is_number(value: Any) -> bool:

@@ -1,199 +1,17 @@
-"""The settings of a run as frozen records whose types and ranges are checked where they are made.
+"""The settings of a run as one frozen record, and the keys that users know it by.
 
-What is allowed stands here and nowhere else, so a command line, a file and a Python program are told the same
-things in the same words. A message names the full key, such as `ge.population_size`.
+What is allowed stands in `sections` and nowhere else, so a command line, a file and a Python program are told
+the same things in the same words. A message names the full key, such as `ge.population_size`.
 """
 
 import difflib
-from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, Field, asdict, dataclass, field, fields, is_dataclass
 from typing import Any, ClassVar
 
-from ge_torchrl.checks import (
-    UNSET,
-    check_choice,
-    check_flag,
-    check_integer,
-    check_names,
-    check_number,
-    check_probability,
-    check_text,
-    refuse,
-)
+from ge_torchrl.checks import UNSET, check_integer, refuse
 from ge_torchrl.errors import ConfigError
-
-
-@dataclass(frozen=True)
-class EnvironmentConfig:
-    """Which environment, what its numbers are called, and how its episodes are run.
-
-    Attributes:
-        id: Gymnasium id, such as `CartPole-v1`.
-        features: [D] names of the observation's entries; empty means `x0`, `x1`, ...
-        units: [D] their units, an empty string where there is none; empty means none at all.
-        actions: [A] names of the actions; empty means `a0`, `a1`, ...
-        solved_at: Mean return from which the task counts as solved, or None.
-        lowest_fitness_excluded: A tree with this fitness, the lowest possible, is no candidate for PPO; or
-            None.
-        route: "compiled" kernels, "gymnasium", or "auto": compiled where there is a kernel.
-        max_episode_steps: Limit of an episode's length, or None for the environment's own.
-        workers: Worker processes of the Gymnasium route; 0 decides by itself.
-    """
-
-    SECTION: ClassVar[str] = "env"
-
-    id: str
-    features: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-    actions: tuple[str, ...] = ()
-    solved_at: float | None = None
-    lowest_fitness_excluded: float | None = None
-    route: str = "auto"
-    max_episode_steps: int | None = None
-    workers: int = 0
-
-    def __post_init__(self) -> None:
-        check_text(self, "id", "a Gymnasium id such as CartPole-v1")
-        check_names(self, "features", distinct=True)
-        check_names(self, "units", distinct=False)
-        check_names(self, "actions", distinct=True)
-        if self.units and len(self.units) != len(self.features):
-            refuse(
-                self, "units", "one unit for each feature", "an empty text stands for a feature without unit"
-            )
-        check_number(self, "solved_at", optional=True)
-        check_number(self, "lowest_fitness_excluded", optional=True)
-        check_choice(self, "route", ("auto", "gymnasium", "compiled"))
-        check_integer(self, "max_episode_steps", 1, "an episode has at least one step", optional=True)
-        check_integer(self, "workers", 0, "it counts processes; 0 decides by itself")
-
-
-@dataclass(frozen=True)
-class GrammarConfig:
-    """The grammar that turns codons into trees.
-
-    Attributes:
-        name: What reports call it.
-        bnf: Its rules in Backus-Naur form.
-    """
-
-    SECTION: ClassVar[str] = "grammar"
-
-    name: str
-    bnf: str
-
-    def __post_init__(self) -> None:
-        check_text(self, "name", "the name of the grammar")
-        check_text(self, "bnf", "rules in Backus-Naur form")
-
-
-@dataclass(frozen=True)
-class GEConfig:
-    """Grammatical evolution: sizes, probabilities, and when to stop.
-
-    Attributes:
-        population_size: Individuals in a generation, `P`.
-        generations: Generations, the random first one, number 0, included.
-        genotype_length: Codons in a genotype, `K`; fixed.
-        gene_probability: Probability that uniform mutation redraws a codon of an individual that is mutated.
-        crossover_probability: Probability that a pair of parents is crossed over.
-        mutation_probability: Probability that an individual is mutated.
-        tournament_size: Individuals drawn for a tournament; 2 is usual in this line of work, the thesis gives
-            none.
-        wraps: How often the mapping may read a genotype again from its start.
-        single_choice_consumes: Whether a rule with a single production reads a codon too. The thesis does not
-            say; false is inferred.
-        replacement: "parent_if_better": an offspring takes its parent's place if it is fitter, as in the thesis;
-            "generational": the offspring are the next generation.
-        elites: Best individuals that keep their places whatever the offspring are.
-        stop_when_solved: Whether the run ends with the first champion that solves the task.
-        max_seconds: Time after which the run ends early, or None.
-        max_env_steps: Environment steps after which the run ends early, or None.
-    """
-
-    SECTION: ClassVar[str] = "ge"
-
-    population_size: int
-    generations: int
-    genotype_length: int
-    gene_probability: float
-    crossover_probability: float = 0.0
-    mutation_probability: float = 1.0
-    tournament_size: int = 2
-    wraps: int = 0
-    single_choice_consumes: bool = False
-    replacement: str = "parent_if_better"
-    elites: int = 0
-    stop_when_solved: bool = False
-    max_seconds: float | None = None
-    max_env_steps: int | None = None
-
-    def __post_init__(self) -> None:
-        check_integer(self, "population_size", 2, "selection compares individuals")
-        check_integer(self, "generations", 1, "generation 0 is the random first population")
-        check_integer(self, "genotype_length", 1, "a tree is read from codons")
-        for name in ("gene_probability", "crossover_probability", "mutation_probability"):
-            check_probability(self, name)
-        check_integer(self, "tournament_size", 1, "a tournament draws individuals; 1 is random choice")
-        check_integer(self, "wraps", 0, "it counts readings after the first")
-        check_flag(self, "single_choice_consumes")
-        check_choice(self, "replacement", ("parent_if_better", "generational"))
-        check_integer(self, "elites", 0, "it counts individuals")
-        if self.elites >= self.population_size:
-            expected = f"less than ge.population_size, {self.population_size}"
-            refuse(self, "elites", expected, "a population of elites alone never changes")
-        check_flag(self, "stop_when_solved")
-        check_number(self, "max_seconds", above=0.0, optional=True)
-        check_integer(self, "max_env_steps", 1, "a run needs steps to measure fitness", optional=True)
-
-
-@dataclass(frozen=True)
-class EvaluationConfig:
-    """How many episodes measure a tree, and on how many threads.
-
-    Attributes:
-        episodes: Episodes whose mean return is an individual's fitness.
-        episode_seeds: "fixed": the same episodes in every generation, as in the thesis' lineage; "fresh": new
-            ones in every generation for the offspring, while parents keep their fitness; "common": new ones
-            in every generation, on which parents are measured again.
-        validation_episodes: Episodes that choose among the champions and prune them.
-        champion_candidates: Best individuals that validation chooses from.
-        test_episodes: Unseen episodes of the final test.
-        threads: Threads of the compiled route; 0 takes all cores.
-    """
-
-    SECTION: ClassVar[str] = "evaluation"
-
-    episodes: int
-    episode_seeds: str = "fixed"
-    validation_episodes: int = 100
-    champion_candidates: int = 10
-    test_episodes: int = 100
-    threads: int = 0
-
-    def __post_init__(self) -> None:
-        check_integer(self, "episodes", 1, "fitness is a mean over episodes")
-        check_choice(self, "episode_seeds", ("fixed", "fresh", "common"))
-        check_integer(self, "validation_episodes", 1, "validation is a mean over episodes")
-        check_integer(self, "champion_candidates", 1, "a run ends with one champion")
-        check_integer(self, "test_episodes", 1, "the test is a mean over episodes")
-        check_integer(self, "threads", 0, "it counts threads; 0 takes all cores")
-
-
-@dataclass(frozen=True)
-class PPOConfig:
-    """Refinement of trees by PPO; so far there is none.
-
-    Attributes:
-        name: "none".
-    """
-
-    SECTION: ClassVar[str] = "ppo"
-
-    name: str = "none"
-
-    def __post_init__(self) -> None:
-        check_choice(self, "name", ("none",))
+from ge_torchrl.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig, PPOConfig
 
 
 @dataclass(frozen=True)
@@ -242,10 +60,8 @@ class Config:
 
     def as_mapping(self) -> dict[str, Any]:
         """Return nested plain values, ready for YAML or JSON; `from_mapping` takes them back."""
-        return {
-            name: {key: _plain(value) for key, value in entry.items()} if isinstance(entry, dict) else entry
-            for name, entry in asdict(self).items()
-        }
+        plain: dict[str, Any] = _plain(asdict(self))
+        return plain
 
 
 _SECTIONS: dict[str, type[Any]] = {
@@ -256,16 +72,25 @@ _SECTIONS: dict[str, type[Any]] = {
 
 def template() -> dict[str, Any]:
     """Return all keys with their defaults, nested as in `Config`, and `UNSET` where there is no default."""
-
-    def default(value: Any) -> Any:
-        return UNSET if value is MISSING else _plain(value)
-
-    sections = {
-        name: {entry.name: default(entry.default) for entry in fields(section)}
-        for name, section in _SECTIONS.items()
+    return {
+        entry.name: _defaults(_SECTIONS[entry.name]) if entry.name in _SECTIONS else entry.default
+        for entry in fields(Config)
     }
-    rest = {entry.name: entry.default for entry in fields(Config) if entry.name not in _SECTIONS}
-    return {**sections, **rest}
+
+
+def _defaults(section: type[Any]) -> dict[str, Any]:
+    def default(entry: Field[Any]) -> Any:
+        if nested := _nested(entry):
+            return _defaults(nested)
+        return UNSET if entry.default is MISSING else _plain(entry.default)
+
+    return {entry.name: default(entry) for entry in fields(section)}
+
+
+def _nested(entry: Field[Any]) -> type[Any] | None:
+    """Return the record that a field holds, if it holds one."""
+    factory: Any = entry.default_factory
+    return factory if is_dataclass(factory) and isinstance(factory, type) else None
 
 
 def check_key(key: str) -> None:
@@ -274,9 +99,7 @@ def check_key(key: str) -> None:
     Raises:
         ConfigError: There is no such key; the message offers similar ones.
     """
-    known: list[str] = []
-    for name, value in template().items():
-        known += [name, *(f"{name}.{inner}" for inner in value)] if isinstance(value, dict) else [name]
+    known = list(_flat_keys(template()))
     if key in known:
         return
     siblings = [other for other in known if other.startswith(f"{key.partition('.')[0]}.")]
@@ -285,15 +108,31 @@ def check_key(key: str) -> None:
     raise ConfigError(f"{key} is unknown; expected a key of a run, such as {', '.join(expected)}; got {key}")
 
 
+def _flat_keys(values: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    for name, value in values.items():
+        yield prefix + name
+        if isinstance(value, dict):
+            yield from _flat_keys(value, f"{prefix}{name}.")
+
+
 def _section_from(section: type[Any], values: object) -> Any:
     if not isinstance(values, Mapping):
         raise ConfigError(f"{section.SECTION} must be a section with keys and values; got {values!r}")
     for name in values:
         check_key(f"{section.SECTION}.{name}")
     # Every check refuses UNSET, so that a missing value is reported in the words of its key.
-    required = {entry.name: UNSET for entry in fields(section) if entry.default is MISSING}
-    return section(**{**required, **values})
+    required = {
+        entry.name: UNSET for entry in fields(section) if entry.default is entry.default_factory is MISSING
+    }
+    nested = {
+        entry.name: _section_from(record, values[entry.name])
+        for entry in fields(section)
+        if (record := _nested(entry)) and entry.name in values
+    }
+    return section(**{**required, **values, **nested})
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
     return list(value) if isinstance(value, tuple) else value

@@ -3,33 +3,39 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from ge_torchrl import __version__
-from ge_torchrl.artefacts import GenerationRecord, HistoryWriter, RunFolder, Summary
+from ge_torchrl.artefacts import RunFolder, Summary
 from ge_torchrl.compilation import is_compiled_before
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
+from ge_torchrl.environments.route import Route
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
 from ge_torchrl.errors import GrammarError
-from ge_torchrl.ge.codons import Codons
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
+from ge_torchrl.generations import Evolved, GenerationLoop, validation_seeds
 from ge_torchrl.report.closing import closing_text, tree_text
 from ge_torchrl.report.progress import Progress
-from ge_torchrl.search.champion import Champion, choose_champion
-from ge_torchrl.search.evolution import Evolution, Generation
-from ge_torchrl.search.fitness import TrainingEpisodes, measure
+from ge_torchrl.search.champion import Champion, choose_champion, contenders_of
+from ge_torchrl.search.evolution import Evolution
+from ge_torchrl.search.fitness import TrainingEpisodes
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.serialization import TreeDocument
-from ge_torchrl.trees.simplify import simplify_exact
+
+if TYPE_CHECKING:
+    from ge_torchrl.search.refinement import Refiner
+
+_Record = TypeVar("_Record")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +107,16 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
         if not is_compiled_before():
             console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
         evolution.warm_up()
-        with folder.history_writer() as history, Progress(console, config.ge.generations) as progress:
-            evolved = _evolve(evolution, planned, history, progress)
+        with ExitStack() as open_files:
+            history = open_files.enter_context(folder.history_writer())
+            progress = open_files.enter_context(Progress(console, config.ge.generations))
+            loop = GenerationLoop(config, evolution, on_generation=_each(history.write, progress.show))
+            if config.ppo.enabled:
+                refinements = open_files.enter_context(folder.refinements_writer())
+                loop.refine_with(
+                    _make_refiner(config, route), _each(refinements.write, progress.show_refinement)
+                )
+            evolved = loop.run()
         summary, champion = _conclude(planned, evolution, evolved, folder, started)
     finally:
         route.close()
@@ -112,120 +126,19 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     return summary
 
 
-@dataclass(frozen=True, eq=False)
-class Evolved:
-    """How evolution ended.
+def _each(*receivers: Callable[[_Record], None]) -> Callable[[_Record], None]:
+    def receive(record: _Record) -> None:
+        for receiver in receivers:
+            receiver(record)
 
-    Attributes:
-        last: The last generation.
-        stopped_by: As in `Summary`.
-        env_steps: Environment steps of all generations.
-        born: Individuals ever made.
-        invalid: Those of them without a tree.
-        seconds: Clock time.
-    """
-
-    last: Generation
-    stopped_by: str
-    env_steps: int
-    born: int
-    invalid: int
-    seconds: float
+    return receive
 
 
-def _evolve(evolution: Evolution, planned: Plan, history: HistoryWriter, progress: Progress) -> Evolved:
-    """Run generation after generation until something stops it; Ctrl-C keeps what was found so far."""
-    started = time.perf_counter()
-    observer = _BestObserver(evolution, planned)
-    evolved: Evolved | None = None
-    try:
-        for generation in evolution.generations():
-            evolved = Evolved(
-                last=generation,
-                stopped_by="interrupt",
-                env_steps=generation.env_steps + (evolved.env_steps if evolved else 0),
-                born=generation.n_born + (evolved.born if evolved else 0),
-                invalid=generation.n_invalid + (evolved.invalid if evolved else 0),
-                seconds=time.perf_counter() - started,
-            )
-            observer.observe(generation)
-            record = _record(evolved, observer.decision_nodes)
-            history.write(record)
-            progress.show(record)
-            if stopped_by := _reason_to_stop(planned.config, evolved, solved=observer.solved):
-                return replace(evolved, stopped_by=stopped_by)
-    except KeyboardInterrupt:
-        if evolved is None:
-            raise
-    if evolved is None:
-        raise ValueError("evolution yields at least its first generation")
-    return evolved
+def _make_refiner(config: Config, route: Route) -> Refiner:
+    # torch takes two seconds to import, which grammatical evolution alone need not pay.
+    from ge_torchrl.search.refinement import Refiner
 
-
-def _reason_to_stop(config: Config, evolved: Evolved, *, solved: bool) -> str | None:
-    ge = config.ge
-    if evolved.last.index + 1 >= ge.generations:
-        return "generations"
-    if ge.stop_when_solved and solved:
-        return "solved"
-    if ge.max_seconds is not None and evolved.seconds >= ge.max_seconds:
-        return "max_seconds"
-    if ge.max_env_steps is not None and evolved.env_steps >= ge.max_env_steps:
-        return "max_env_steps"
-    return None
-
-
-class _BestObserver:
-    """Looks at the fittest tree of each generation, and only when it is another one than before."""
-
-    def __init__(self, evolution: Evolution, planned: Plan) -> None:
-        self.decision_nodes: int | None = None
-        self.solved = False
-        self._evolution = evolution
-        self._spec = planned.spec
-        self._codons: Codons | None = None
-        self._validation_seeds = (
-            _validation_seeds(planned.config) if planned.config.ge.stop_when_solved else None
-        )
-
-    def observe(self, generation: Generation) -> None:
-        """Note the size of the fittest tree, and whether it solves the task on the validation episodes."""
-        codons = generation.codons[generation.best]
-        if self._codons is not None and np.array_equal(codons, self._codons):
-            return
-        self._codons = codons
-        mapping = self._evolution.map(codons[np.newaxis])
-        if not mapping.valid[0]:
-            return
-        tree = simplify_exact(mapping.forest.tree(0), self._spec.low, self._spec.high)
-        self.decision_nodes = tree.n_decision_nodes
-        if self._validation_seeds is not None and self._spec.is_solved(generation.fitness[generation.best]):
-            # Few training episodes say "solved" too easily: the validation episodes have to agree.
-            validated = measure(self._evolution.route, Forest.stack([tree]), self._validation_seeds)
-            self.solved = self._spec.is_solved(float(validated.fitness[0]))
-
-
-def _validation_seeds(config: Config) -> NDArray[np.int64]:
-    rng = stream(config.seed, "validation episodes")
-    return episode_seeds("validation", config.evaluation.validation_episodes, rng)
-
-
-def _record(evolved: Evolved, best_decision_nodes: int | None) -> GenerationRecord:
-    generation = evolved.last
-    valid = generation.fitness[np.isfinite(generation.fitness)]
-    return GenerationRecord(
-        generation=generation.index,
-        best_fitness=float(valid.max()) if len(valid) else None,
-        median_fitness=float(np.median(valid)) if len(valid) else None,
-        mean_fitness=float(valid.mean()) if len(valid) else None,
-        best_decision_nodes=best_decision_nodes,
-        born=generation.n_born,
-        invalid=generation.n_invalid,
-        env_steps=evolved.env_steps,
-        elapsed_seconds=evolved.seconds,
-        evaluation_seconds=generation.evaluation_seconds,
-        variation_seconds=generation.variation_seconds,
-    )
+    return Refiner(route, config.ppo, config.seed)
 
 
 def _conclude(
@@ -241,10 +154,9 @@ def _conclude(
         )
     champion = choose_champion(
         route,
-        mapping,
-        evolved.last.fitness,
+        [*contenders_of(mapping, evolved.last.fitness), *evolved.refined],
         config.evaluation.champion_candidates,
-        _validation_seeds(config),
+        validation_seeds(config),
     )
     test_seeds = episode_seeds("test", config.evaluation.test_episodes, stream(config.seed, "test episodes"))
     tested = route.evaluate(Forest.stack([champion.pruned, champion.full]), test_seeds)
@@ -266,7 +178,11 @@ def _conclude(
         stopped_by=evolved.stopped_by,
         env_steps=evolved.env_steps,
         env_steps_total=evolved.env_steps + champion.env_steps + tested.env_steps,
+        refinements=evolved.refinements,
+        refinements_improved=len(evolved.refined),
+        champion_from=champion.origin,
         evolve_seconds=evolved.seconds,
+        refine_seconds=evolved.refine_seconds,
         wall_seconds=time.perf_counter() - started,
         invalid_fraction=evolved.invalid / evolved.born,
         route=route.name,

@@ -8,17 +8,16 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ge_torchrl.config import (
-    Config,
+from ge_torchrl.config import Config, check_key, template
+from ge_torchrl.errors import ConfigError
+from ge_torchrl.sections import (
     EnvironmentConfig,
     EvaluationConfig,
     GEConfig,
     GrammarConfig,
     PPOConfig,
-    check_key,
-    template,
+    ScheduleConfig,
 )
-from ge_torchrl.errors import ConfigError
 
 VALUES: dict[str, Any] = {
     "env": {"id": "CartPole-v1"},
@@ -168,9 +167,9 @@ def test_wrong_seed_is_named(seed):
         Config.from_mapping({**VALUES, "seed": seed})
 
 
-def test_ppo_is_none_so_far():
-    with pytest.raises(ConfigError, match=r"^ppo\.name must be none; got 'thesis'$"):
-        PPOConfig(name="thesis")
+def test_ppo_is_off_where_nothing_is_said():
+    assert not Config.from_mapping(VALUES).ppo.enabled
+    assert Config.from_mapping({**VALUES, "ppo": {"name": "thesis"}}).ppo.enabled
 
 
 @pytest.mark.parametrize(
@@ -300,3 +299,50 @@ def test_defaults_of_the_published_environments_are_the_thesis(name):
     ) == THESIS[name]
     assert (config.ge.crossover_probability, config.ge.mutation_probability) == (0.0, 1.0)
     assert len(config.env.units) == len(config.env.features)
+
+
+def test_schedules_of_the_thesis_apply_four_three_and_four_times():
+    def applications(schedule, generations):
+        return [generation for generation in range(generations) if schedule.applies_to(generation)]
+
+    assert applications(ScheduleConfig(every=40), 200) == [40, 80, 120, 160]
+    assert applications(ScheduleConfig(every=15), 50) == [15, 30, 45]
+    assert applications(ScheduleConfig(generations=(50, 100, 400, 800)), 1000) == [50, 100, 400, 800]
+    assert applications(ScheduleConfig(), 100) == []
+    assert applications(ScheduleConfig(every=1), 3) == [1, 2], "generation 0 is random"
+    assert applications(ScheduleConfig(every=5, generations=(7,)), 20) == [7], "a list has the last word"
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"schedule": {"every": 0}}, "ppo.schedule.every must be an integer of at least 1"),
+        (
+            {"schedule": {"generations": [0]}},
+            "ppo.schedule.generations must be a list of integers of at least 1",
+        ),
+        ({"schedule": {"generations": 50}}, "ppo.schedule.generations must be a list"),
+        ({"schedule": {"often": 1}}, "ppo.schedule.often is unknown"),
+        ({"schedule": 40}, "ppo.schedule must be a section"),
+        (
+            {"update_timesteps": 10, "max_timesteps": 5},
+            "ppo.update_timesteps must be at most ppo.max_timesteps, 5",
+        ),
+        ({"gamma": 1.5}, "ppo.gamma must be a number from 0 to 1, because it is a discount factor"),
+        ({"lr_actor": 0}, "ppo.lr_actor must be a finite number above 0"),
+        ({"leaf_sd": -0.1}, "ppo.leaf_sd must be a finite number of at least 0"),
+        ({"critic_hidden": [64, "b"]}, "ppo.critic_hidden must be a list of integers"),
+        ({"source": "replay"}, "ppo.source must be one of auto, collector, fused"),
+    ],
+)
+def test_settings_of_ppo_are_checked(values, message):
+    with pytest.raises(ConfigError, match=message.replace(".", r"\.")):
+        Config.from_mapping({**VALUES, "ppo": values})
+
+
+def test_a_schedule_survives_the_way_through_yaml():
+    config = Config.from_mapping(
+        {**VALUES, "ppo": {"name": "thesis", "schedule": {"generations": [50, 100]}}}
+    )
+    assert config.ppo.schedule == ScheduleConfig(generations=(50, 100))
+    assert Config.from_mapping(yaml.safe_load(yaml.safe_dump(config.as_mapping()))) == config

@@ -97,6 +97,11 @@ def closing_text(summary: Summary, tree: DecisionTree, labels: TreeLabels, folde
         ),
         ("run folder", str(folder)),
     ]
+    if summary.refinements:
+        is_refined = summary.champion_from == "refinement"
+        told = f"{summary.refinements_improved} of {summary.refinements} refinements improved their tree"
+        champion = "the champion is a refined tree" if is_refined else "the champion is not a refined tree"
+        rows.insert(-1, ("PPO", f"{told}, {champion}, {summary.refine_seconds:.1f} s"))
     if summary.stopped_by != "generations":
         rows.insert(0, ("stopped by", summary.stopped_by))
     table = "\n".join(f"{name:<11} {text}" for name, text in rows)

@@ -12,7 +12,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from ge_torchrl.artefacts import GenerationRecord
+from ge_torchrl.artefacts import GenerationRecord, RefinementRecord
 
 # The table shows the generations that brought something new, and the last one.
 _SHOWN_ROWS = 12
@@ -66,6 +66,11 @@ class Progress:
         elif time.monotonic() - self._shown_at >= _REFRESH_SECONDS:
             self._refresh()
 
+    def show_refinement(self, record: RefinementRecord) -> None:
+        """Show an application of PPO: above the live table, or as a line of its own."""
+        console = self._console if self._live is None else self._live.console
+        console.print(_refinement_line(record), highlight=False, soft_wrap=True)
+
     def _print_line(self, record: GenerationRecord) -> None:
         cells = (cell.rjust(width) for cell, width in zip(self._cells(record), _WIDTHS, strict=True))
         self._console.print("  ".join(cells), highlight=False)
@@ -93,7 +98,7 @@ class Progress:
         left = elapsed / (record.generation + 1) * (self._generations - record.generation - 1)
         return (
             str(record.generation),
-            _number(record.best_fitness),
+            _number(_best(record)),
             _number(record.median_fitness),
             "-" if record.best_decision_nodes is None else str(record.best_decision_nodes),
             _rate(record.env_steps / elapsed),
@@ -109,10 +114,30 @@ def _plain_header() -> str:
     return "  ".join(title.rjust(width) for title, width in zip(_COLUMNS, _WIDTHS, strict=True))
 
 
+def _best(record: GenerationRecord) -> float | None:
+    """The best of the population and of the refined trees."""
+    return max(
+        (best for best in (record.best_fitness, record.best_refined) if best is not None), default=None
+    )
+
+
 def _improves(record: GenerationRecord, on: GenerationRecord) -> bool:
-    if record.best_fitness is None:
-        return False
-    return on.best_fitness is None or record.best_fitness > on.best_fitness
+    ours, theirs = _best(record), _best(on)
+    return ours is not None and (theirs is None or ours > theirs)
+
+
+def _refinement_line(record: RefinementRecord) -> str:
+    front = f"generation {record.generation}, PPO:"
+    if record.outcome == "skipped":
+        return f"{front} skipped, no candidate in {record.redraws} redraws"
+    what = f"{front} {record.chosen} tree of {record.decision_nodes} decision nodes"
+    if record.outcome == "failed":
+        return f"{what} kept as it was, {record.failure} ({record.refine_seconds:.1f} s)"
+    change = f"{_number(record.return_before)} -> {_number(record.return_after)} on unseen episodes"
+    verdict = (
+        "new best" if record.new_best else "improved" if record.outcome == "improved" else "not improved"
+    )
+    return f"{what}, {change}, {verdict} ({record.refine_seconds:.1f} s)"
 
 
 def _number(value: float | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,24 @@ from ge_torchrl.ge.mapping import Mapping
 from ge_torchrl.search.fitness import Fitness, measure
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.simplify import prune, simplify_forest
+from ge_torchrl.trees.simplify import prune, simplify_exact
+
+POPULATION, REFINEMENT = "population", "refinement"
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """A tree that might be the champion.
+
+    Attributes:
+        tree: The tree.
+        fitness: Its fitness on the training episodes, or for a refined tree on its measuring episodes.
+        origin: POPULATION or REFINEMENT.
+    """
+
+    tree: DecisionTree
+    fitness: float
+    origin: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,28 +38,33 @@ class Champion:
     """The best tree of a run.
 
     Attributes:
-        full: The tree as its genotype maps to it.
+        full: The tree as its genotype maps to it, or as it was hardened.
         pruned: What the validation episodes need of it (thesis, section 2.4).
-        individual: Its index in the population.
-        train_fitness: Its fitness on the training episodes.
+        train_fitness: The fitness that made it a contender.
         validation_mean: Its mean return on the validation episodes.
+        origin: POPULATION or REFINEMENT.
         env_steps: Environment steps that choosing and pruning took.
     """
 
     full: DecisionTree
     pruned: DecisionTree
-    individual: int
     train_fitness: float
     validation_mean: float
+    origin: str
     env_steps: int
 
 
+def contenders_of(mapping: Mapping, fitness: Fitness) -> list[Contender]:
+    """Return the individuals that have a tree, the fittest first."""
+    return [
+        Contender(mapping.forest.tree(individual), float(fitness[individual]), POPULATION)
+        for individual in np.argsort(-fitness, kind="stable")
+        if mapping.valid[individual]
+    ]
+
+
 def choose_champion(
-    route: Route,
-    mapping: Mapping,
-    fitness: Fitness,
-    n_candidates: int,
-    validation_seeds: NDArray[np.int64],
+    route: Route, contenders: Sequence[Contender], n_candidates: int, validation_seeds: NDArray[np.int64]
 ) -> Champion:
     """Choose among the fittest trees by testing them again, on many episodes that none was selected on.
 
@@ -50,41 +73,36 @@ def choose_champion(
 
     Args:
         route: Runs the trees.
-        mapping: The population's trees, at least one of them valid.
-        fitness: [P] float64, on the training episodes.
+        contenders: At least one; of equally fit ones the first leads.
         n_candidates: How many trees that act differently are tested again.
         validation_seeds: [E] episode seeds used for nothing else.
 
     Returns:
         The champion, pruned on the same episodes.
     """
-    candidates, simple = _leaders(route, mapping, fitness, n_candidates)
+    leaders = _leaders(route, contenders, n_candidates)
+    simple = list(leaders)
     validated = measure(route, Forest.stack(simple), validation_seeds)
-    rank = min(
-        range(len(candidates)),
-        key=lambda c: (-validated.fitness[c], simple[c].n_decision_nodes, c),
-    )
-    full = mapping.forest.tree(candidates[rank])
-    visits = route.count_visits(full, validation_seeds)
+    rank = min(range(len(simple)), key=lambda c: (-validated.fitness[c], simple[c].n_decision_nodes, c))
+    chosen = leaders[simple[rank]]
+    visits = route.count_visits(chosen.tree, validation_seeds)
     return Champion(
-        full=full,
-        pruned=prune(full, visits),
-        individual=candidates[rank],
-        train_fitness=float(fitness[candidates[rank]]),
+        full=chosen.tree,
+        pruned=prune(chosen.tree, visits),
+        train_fitness=chosen.fitness,
         validation_mean=float(validated.fitness[rank]),
+        origin=chosen.origin,
         env_steps=validated.env_steps + int(visits[0]),
     )
 
 
 def _leaders(
-    route: Route, mapping: Mapping, fitness: Fitness, n_candidates: int
-) -> tuple[list[int], list[DecisionTree]]:
-    """Return the fittest individuals, each simplified tree once, best first."""
-    forest = simplify_forest(mapping.forest, route.spec.low, route.spec.high)
-    leaders: dict[DecisionTree, int] = {}
-    for individual in np.argsort(-fitness, kind="stable"):
+    route: Route, contenders: Sequence[Contender], n_candidates: int
+) -> dict[DecisionTree, Contender]:
+    """Return the fittest contenders by their simplified trees, each of these once, best first."""
+    leaders: dict[DecisionTree, Contender] = {}
+    for contender in sorted(contenders, key=lambda contender: -contender.fitness):
         if len(leaders) == n_candidates:
             break
-        if mapping.valid[individual]:
-            leaders.setdefault(forest.tree(individual), int(individual))
-    return list(leaders.values()), list(leaders)
+        leaders.setdefault(simplify_exact(contender.tree, route.spec.low, route.spec.high), contender)
+    return leaders

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.config import GEConfig
 from ge_torchrl.environments.route import Route
 from ge_torchrl.ge.codons import Codons
 from ge_torchrl.ge.mapping import Mapping, map_population
@@ -17,6 +16,7 @@ from ge_torchrl.ge.operators import crossover_one_point, mutate_uniform, random_
 from ge_torchrl.ge.rule_tables import RuleTables
 from ge_torchrl.ge.selection import elite, replace_parents, tournament
 from ge_torchrl.search.fitness import Fitness, TrainingEpisodes, measure
+from ge_torchrl.sections import GEConfig
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 

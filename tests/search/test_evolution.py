@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ge_torchrl.config import GEConfig
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.ge.grammar import read_grammar
@@ -12,6 +11,7 @@ from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.ge.rule_tables import compile_rules
 from ge_torchrl.search.evolution import Evolution
 from ge_torchrl.search.fitness import WORST_FITNESS, TrainingEpisodes, measure
+from ge_torchrl.sections import GEConfig
 from ge_torchrl.seeding import stream
 
 GRAMMAR = """

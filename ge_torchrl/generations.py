@@ -1,0 +1,267 @@
+"""The loop over generations: refine on schedule, record each generation, stop when there is a reason to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ge_torchrl.artefacts import GenerationRecord, RefinementRecord
+from ge_torchrl.config import Config
+from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidate
+from ge_torchrl.search.champion import REFINEMENT, Contender
+from ge_torchrl.search.evolution import Evolution, Generation
+from ge_torchrl.search.fitness import measure
+from ge_torchrl.seeding import episode_seeds, stream
+from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.simplify import simplify_exact
+
+if TYPE_CHECKING:
+    # At run time only where PPO is asked for: it imports torch.
+    from ge_torchrl.search.refinement import Refinement, Refiner
+
+
+@dataclass(frozen=True, eq=False)
+class Evolved:
+    """How far evolution has come.
+
+    Attributes:
+        last: The last generation.
+        stopped_by: As in `Summary`.
+        env_steps: Environment steps of all generations and refinements.
+        born: Individuals ever made.
+        invalid: Those of them without a tree.
+        refined: The refined trees that were better than before, in the order of their generations.
+        refinements: Refinements applied.
+        refine_seconds: Clock time of the refinements.
+        seconds: Clock time of everything.
+    """
+
+    last: Generation
+    stopped_by: str
+    env_steps: int
+    born: int
+    invalid: int
+    refined: tuple[Contender, ...]
+    refinements: int
+    refine_seconds: float
+    seconds: float
+
+    @property
+    def best_refined(self) -> float | None:
+        """The best measured return of a refined tree so far."""
+        return max((contender.fitness for contender in self.refined), default=None)
+
+
+@dataclass(eq=False)
+class GenerationLoop:
+    """Runs generation after generation.
+
+    Attributes:
+        config: The run's configuration.
+        evolution: Makes the generations.
+        on_generation: Called with each generation's record.
+    """
+
+    config: Config
+    evolution: Evolution
+    on_generation: Callable[[GenerationRecord], None]
+    _refiner: Refiner | None = field(default=None, init=False)
+    _on_refinement: Callable[[RefinementRecord], None] = field(default=lambda _: None, init=False)
+    _evolved: Evolved | None = field(default=None, init=False)
+    _started: float = field(default=0.0, init=False)
+
+    def refine_with(self, refiner: Refiner, on_refinement: Callable[[RefinementRecord], None]) -> None:
+        """Refine a tree in the scheduled generations, and call `on_refinement` with each record."""
+        self._refiner, self._on_refinement = refiner, on_refinement
+
+    def run(self) -> Evolved:
+        """Run until something stops it; Ctrl-C keeps what was found so far.
+
+        Raises:
+            KeyboardInterrupt: It came before the first generation was there.
+        """
+        self._started = time.perf_counter()
+        observer = _BestObserver(self.config, self.evolution)
+        try:
+            for generation in self.evolution.generations():
+                self._evolved = self._with(generation)
+                interrupted = self._refine(generation)
+                evolved = replace(self._evolved, seconds=time.perf_counter() - self._started)
+                observer.observe(generation, evolved.refined)
+                self.on_generation(_record(evolved, observer.decision_nodes))
+                self._evolved = evolved
+                reason = (
+                    "interrupt"
+                    if interrupted
+                    else _reason_to_stop(self.config, evolved, solved=observer.solved)
+                )
+                if reason is not None:
+                    return replace(evolved, stopped_by=reason)
+        except KeyboardInterrupt:
+            if self._evolved is None:
+                raise
+        if self._evolved is None:
+            raise ValueError("evolution yields at least its first generation")
+        return self._evolved
+
+    def _with(self, generation: Generation) -> Evolved:
+        before = self._evolved
+        return Evolved(
+            last=generation,
+            stopped_by="interrupt",
+            env_steps=generation.env_steps + (before.env_steps if before else 0),
+            born=generation.n_born + (before.born if before else 0),
+            invalid=generation.n_invalid + (before.invalid if before else 0),
+            refined=before.refined if before else (),
+            refinements=before.refinements if before else 0,
+            refine_seconds=before.refine_seconds if before else 0.0,
+            seconds=time.perf_counter() - self._started,
+        )
+
+    def _refine(self, generation: Generation) -> bool:
+        """Refine a tree if this generation is due; tell whether Ctrl-C broke it off."""
+        if self._refiner is None or not self.config.ppo.schedule.applies_to(generation.index):
+            return False
+        try:
+            self._apply(self._refiner, generation)
+        except KeyboardInterrupt:
+            return True
+        return False
+
+    def _apply(self, refiner: Refiner, generation: Generation) -> None:
+        evolved = self._evolved
+        if evolved is None:
+            raise ValueError("a refinement follows the selection of a generation")
+        mapping = self.evolution.map(generation.codons)
+        spec = self.evolution.route.spec
+        candidate = choose_candidate(
+            generation.fitness,
+            mapping.forest.sizes,
+            Eligibility(spec.solved_at, self.config.env.lowest_fitness_excluded),
+            self.config.ppo.best_probability,
+            stream(self.config.seed, f"candidate in generation {generation.index}"),
+        )
+        if candidate.individual is None:
+            self._on_refinement(RefinementRecord(generation.index, "skipped", candidate.redraws))
+            return
+        tree = mapping.forest.tree(candidate.individual)
+        refinement = refiner.refine(tree, generation.index)
+        best = max(float(generation.fitness.max()), evolved.best_refined or -np.inf)
+        self._on_refinement(_refined(generation, candidate, tree, refinement, best))
+        better = (Contender(refinement.tree, refinement.return_after, REFINEMENT),) * refinement.is_improved
+        self._evolved = replace(
+            evolved,
+            refined=evolved.refined + better,
+            refinements=evolved.refinements + 1,
+            refine_seconds=evolved.refine_seconds + refinement.seconds,
+            env_steps=evolved.env_steps + refinement.env_steps,
+        )
+
+
+def validation_seeds(config: Config) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Return the episodes that choose and prune the champion."""
+    rng = stream(config.seed, "validation episodes")
+    return episode_seeds("validation", config.evaluation.validation_episodes, rng)
+
+
+def _reason_to_stop(config: Config, evolved: Evolved, *, solved: bool) -> str | None:
+    ge = config.ge
+    if evolved.last.index + 1 >= ge.generations:
+        return "generations"
+    if ge.stop_when_solved and solved:
+        return "solved"
+    if ge.max_seconds is not None and evolved.seconds >= ge.max_seconds:
+        return "max_seconds"
+    if ge.max_env_steps is not None and evolved.env_steps >= ge.max_env_steps:
+        return "max_env_steps"
+    return None
+
+
+class _BestObserver:
+    """Looks at the fittest tree of each generation, and only when it is another one than before."""
+
+    def __init__(self, config: Config, evolution: Evolution) -> None:
+        self.decision_nodes: int | None = None
+        self.solved = False
+        self._evolution = evolution
+        self._spec = evolution.route.spec
+        self._codons: np.ndarray[tuple[int], np.dtype[np.int32]] | None = None
+        self._n_refined = 0
+        self._validation_seeds = validation_seeds(config) if config.ge.stop_when_solved else None
+
+    def observe(self, generation: Generation, refined: tuple[Contender, ...]) -> None:
+        """Note the size of the fittest tree, and whether it, or a refined one, solves the task on validation."""
+        for contender in refined[self._n_refined :]:
+            self._ask_validation(contender.tree, contender.fitness)
+        self._n_refined = len(refined)
+        codons = generation.codons[generation.best]
+        if self._codons is not None and np.array_equal(codons, self._codons):
+            return
+        self._codons = codons
+        mapping = self._evolution.map(codons[np.newaxis])
+        if mapping.valid[0]:
+            tree = simplify_exact(mapping.forest.tree(0), self._spec.low, self._spec.high)
+            self.decision_nodes = tree.n_decision_nodes
+            self._ask_validation(tree, float(generation.fitness[generation.best]))
+
+    def _ask_validation(self, tree: DecisionTree, fitness: float) -> None:
+        # Few training episodes say "solved" too easily: the validation episodes have to agree.
+        if self._validation_seeds is not None and self._spec.is_solved(fitness):
+            validated = measure(self._evolution.route, Forest.stack([tree]), self._validation_seeds)
+            self.solved = self.solved or self._spec.is_solved(float(validated.fitness[0]))
+
+
+def _record(evolved: Evolved, best_decision_nodes: int | None) -> GenerationRecord:
+    generation = evolved.last
+    valid = generation.fitness[np.isfinite(generation.fitness)]
+    return GenerationRecord(
+        generation=generation.index,
+        best_fitness=float(valid.max()) if len(valid) else None,
+        best_refined=evolved.best_refined,
+        median_fitness=float(np.median(valid)) if len(valid) else None,
+        mean_fitness=float(valid.mean()) if len(valid) else None,
+        best_decision_nodes=best_decision_nodes,
+        born=generation.n_born,
+        invalid=generation.n_invalid,
+        env_steps=evolved.env_steps,
+        elapsed_seconds=evolved.seconds,
+        evaluation_seconds=generation.evaluation_seconds,
+        variation_seconds=generation.variation_seconds,
+    )
+
+
+def _refined(
+    generation: Generation, candidate: Candidate, tree: DecisionTree, refinement: Refinement, best: float
+) -> RefinementRecord:
+    individual = candidate.individual if candidate.individual is not None else -1
+    training = refinement.training
+    return RefinementRecord(
+        generation=generation.index,
+        outcome=refinement.outcome,
+        chosen=candidate.chosen,
+        redraws=candidate.redraws,
+        individual=candidate.individual,
+        decision_nodes=tree.n_decision_nodes,
+        fitness_before=float(generation.fitness[individual]),
+        return_before=refinement.return_before,
+        soft_return=training.soft_return,
+        return_after=refinement.return_after,
+        new_best=refinement.is_improved and refinement.return_after > best,
+        thresholds_moved=refinement.thresholds_moved,
+        largest_threshold_move=refinement.largest_threshold_move,
+        leaves_changed=refinement.leaves_changed,
+        timesteps=training.timesteps,
+        updates=training.updates,
+        gradient_steps=training.gradient_steps,
+        actor_loss=training.actor_loss,
+        critic_loss=training.critic_loss,
+        clip_fraction=training.clip_fraction,
+        kl=training.kl,
+        failure=training.failure,
+        refine_seconds=refinement.seconds,
+    )

@@ -1,0 +1,78 @@
+"""Each rule of thesis section 3.3 by itself."""
+
+import numpy as np
+import pytest
+
+from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidate
+
+CARTPOLE = Eligibility(solved_at=475.0, lowest_fitness=None)
+MOUNTAIN_CAR = Eligibility(solved_at=-110.0, lowest_fitness=-200.0)
+
+
+class ScriptedRandom:
+    """Draws what the test wrote down."""
+
+    def __init__(self, first, draws):
+        self.first, self.draws = first, list(draws)
+
+    def random(self):
+        return self.first
+
+    def integers(self, n):
+        assert n > 0
+        return self.draws.pop(0)
+
+
+def choose(fitness, n_nodes, eligibility, *, first, draws=()):
+    rng = ScriptedRandom(first, draws)
+    return choose_candidate(np.array(fitness, float), np.array(n_nodes), eligibility, 0.5, rng)
+
+
+@pytest.mark.parametrize(
+    ("eligibility", "n_nodes", "fitness", "admitted"),
+    [
+        (CARTPOLE, 5, 474.9, True),
+        (CARTPOLE, 5, 475.0, False),  # (a) solves the task
+        (CARTPOLE, 1, 9.0, False),  # (b) one leaf
+        (CARTPOLE, 3, 200.0, False),  # (c) one condition and two leaves
+        (CARTPOLE, 5, 9.0, True),
+        (MOUNTAIN_CAR, 5, -200.0, False),  # (d) never saw a reward
+        (MOUNTAIN_CAR, 5, -199.9, True),
+        (MOUNTAIN_CAR, 5, -110.0, False),
+        (MOUNTAIN_CAR, 0, -np.inf, False),  # no tree at all
+        (Eligibility(None, None), 5, 1e9, True),
+    ],
+)
+def test_rules_of_rejection(eligibility, n_nodes, fitness, admitted):
+    assert eligibility.admits(n_nodes, fitness) == admitted
+
+
+def test_the_first_draw_is_the_best_or_a_random_tree():
+    assert choose([10, 300, 20], [5, 5, 5], CARTPOLE, first=0.49) == Candidate(1, "best", 0)
+    assert choose([10, 300, 20], [5, 5, 5], CARTPOLE, first=0.5, draws=[2]) == Candidate(2, "random", 0)
+
+
+def test_a_rejected_tree_is_redrawn_at_random_and_counted():
+    # The best solves the task; of the redrawn ones the first is a leaf, the second will do.
+    chosen = choose([500, 9, 30], [5, 1, 7], CARTPOLE, first=0.0, draws=[1, 2])
+    assert chosen == Candidate(2, "best", 2)
+
+
+def test_after_population_size_redraws_there_is_no_candidate():
+    draws = [0, 1, 2, 0]
+    rng = ScriptedRandom(0.9, draws)
+    chosen = choose_candidate(np.array([500.0, 480.0, 475.0]), np.array([5, 5, 5]), CARTPOLE, 0.5, rng)
+    assert chosen == Candidate(None, "random", 3)
+    assert rng.draws == [], "the first draw and population size redraws were looked at"
+
+
+def test_the_last_redraw_still_counts():
+    assert choose([500, 9, 30], [5, 1, 7], CARTPOLE, first=0.0, draws=[0, 1, 2]) == Candidate(2, "best", 3)
+
+
+def test_half_of_the_first_draws_are_the_best():
+    rng = np.random.default_rng(0)
+    chosen = [
+        choose_candidate(np.arange(10.0), np.full(10, 5), CARTPOLE, 0.5, rng).chosen for _ in range(2000)
+    ]
+    assert abs(chosen.count("best") - 1000) <= 4 * np.sqrt(500)
