@@ -31,8 +31,9 @@ format: $(VENV)/.installed-dev ## Format the code and mend what ruff can mend
 	@$(BIN)/ruff check --fix
 	@$(BIN)/ruff format
 
-bench: $(VENV)/.installed-dev ## Measure the speed of the rollouts and of the evolution
+bench: $(VENV)/.installed-dev ## Measure the speed of rollouts, evolution and refinement, each beside its rival
 	@$(BIN)/python tests/benchmarks/bench.py
+	@$(BIN)/python tests/benchmarks/bench_ppo.py
 
 clean: ## Remove .venv, caches and build products; the results of runs stay
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

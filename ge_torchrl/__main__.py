@@ -8,12 +8,12 @@ import argparse
 import itertools
 import json
 import os
-import re
 import secrets
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -31,7 +31,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
 from ge_torchrl.config import Config, check_key, template
-from ge_torchrl.errors import ArtefactError, ConfigError, UserError
+from ge_torchrl.errors import ConfigError, UserError
 
 OK, FAULT, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 _VERSION_BASE = "1.3"
@@ -80,21 +80,34 @@ def _evaluate(arguments: list[str]) -> int:
 
 
 def _tabulate(arguments: list[str]) -> int:
-    parser = _Parser(prog="ge-torchrl report", description="Print a Markdown table of finished runs.")
+    parser = _Parser(
+        prog="ge-torchrl report",
+        description="Print a table of finished runs, and write a report with figures and drawn trees.",
+    )
     parser.add_argument(
-        "folders", metavar="FOLDER", nargs="+", type=Path, help="a run's or sweep's folder, or any above them"
+        "folder", metavar="FOLDER", type=Path, help="a run's or sweep's folder, or any above them"
+    )
+    parser.add_argument(
+        "--against", metavar="FOLDER", type=Path, help="of runs of the other method, GE or GE+PPO"
+    )
+    parser.add_argument(
+        "--output", metavar="DIR", type=Path, help="folder of the report; default: FOLDER/report"
     )
     options = parser.parse_args(arguments)
 
-    from ge_torchrl.artefacts import find_runs
-    from ge_torchrl.report.tables import runs_table
+    from ge_torchrl.report.canvas import PLOTS_HINT, has_matplotlib
+    from ge_torchrl.report.findings import runs_tables
+    from ge_torchrl.report.sweep import gather_runs, write_report
 
-    summaries = [found.read_summary() for folder in options.folders for found in find_runs(folder)]
-    if not summaries:
-        raise ArtefactError(
-            f"expected folders with finished runs; found none in {', '.join(map(str, options.folders))}"
-        )
-    print(runs_table(summaries))
+    found = gather_runs(options.folder, options.against)
+    for line in found.unreadable:
+        print(f"ge-torchrl: left out: {line}", file=sys.stderr)
+    print(runs_tables(found.runs))
+    if options.output is None and not has_matplotlib():
+        print(f"ge-torchrl: no report: {PLOTS_HINT}", file=sys.stderr)
+    else:
+        output = options.output or options.folder / "report"
+        print(f"\nreport: {write_report(options.folder, options.against, output)}")
     return OK
 
 
@@ -105,33 +118,55 @@ def _run(arguments: list[str]) -> int:
     _prepare_hydra()
     _check(arguments)
     statuses: list[int] = []
+    process = os.getpid()
 
     def job(values: DictConfig) -> None:
-        # A job reports its own failure, so the other jobs of a sweep go on and Hydra has nothing to add.
-        try:
-            config = _config_from(values)
-            output_dir = Path(HydraConfig.get().runtime.output_dir)
-            from ge_torchrl import experiment
-
-            summary = experiment.run(config, output_dir)
-        except UserError as error:
-            statuses.append(_report(error))
-        except Exception:  # noqa: BLE001 - the traceback is shown and the exit status tells.
-            traceback.print_exc()
-            statuses.append(FAULT)
-        else:
-            if summary.stopped_by == "interrupt" and HydraConfig.get().mode == RunMode.MULTIRUN:
-                # Ctrl-C ended the job with what it had found; whoever pressed it means the sweep.
-                raise KeyboardInterrupt
+        status = _job(values)
+        statuses.append(status)
+        if status != OK and os.getpid() != process:
+            # A launcher's own process cannot reach the list above; Hydra carries the error over at the end.
+            raise _JobFailedError(status)
 
     launch = hydra.main(version_base=_VERSION_BASE, config_path=str(_CONF), config_name="config")(job)
     with _command_line(arguments), _in_our_words():
         try:
             launch()
+        except _JobFailedError as failed:
+            statuses.append(failed.status)
         except SystemExit as leaving:
             # Hydra leaves so after --help and the like, and after messages of its own.
             statuses.append(USER_ERROR if leaving.code else OK)
     return FAULT if FAULT in statuses else max(statuses, default=OK)
+
+
+class _JobFailedError(Exception):
+    """A job in another process failed, and has said why."""
+
+    def __init__(self, status: int) -> None:
+        super().__init__(status)
+        self.status = status
+
+
+def _job(values: DictConfig) -> int:
+    """Run one job and return its status; a failure is told here, so the other jobs of a sweep go on."""
+    try:
+        config = _config_from(values)
+        context = HydraConfig.get()
+        if "joblib" in str(context.launcher.get("_target_")) and config.evaluation.threads == 0:
+            # Jobs side by side share the cores: one thread each. Results do not depend on it.
+            config = replace(config, evaluation=replace(config.evaluation, threads=1))
+        from ge_torchrl import experiment
+
+        summary = experiment.run(config, Path(context.runtime.output_dir))
+    except UserError as error:
+        return _report(error)
+    except Exception:  # noqa: BLE001 - the traceback is shown and the exit status tells.
+        traceback.print_exc()
+        return FAULT
+    if summary.stopped_by == "interrupt" and context.mode == RunMode.MULTIRUN:
+        # Ctrl-C ended the job with what it had found; whoever pressed it means the sweep.
+        raise KeyboardInterrupt
+    return OK
 
 
 def _check(arguments: list[str]) -> None:
@@ -214,15 +249,10 @@ def _prepare_hydra() -> None:
     def unique_token() -> str:
         return secrets.token_hex(4)
 
-    def job_folder(number: int, overrides: str) -> str:
-        readable = re.sub(r"[^\w.,=+-]+", "-", overrides)[:150]
-        return f"{number}_{readable}" if readable else str(number)
-
     # A plain mapping, not the records as a typed schema: then one place, config.py, judges types and words
     # the errors.
     ConfigStore.instance().store(name="template", node=template())
     OmegaConf.register_new_resolver("unique_token", unique_token, use_cache=True, replace=True)
-    OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
 
 
 @contextmanager

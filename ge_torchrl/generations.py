@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -249,7 +250,7 @@ def _refined(
         decision_nodes=tree.n_decision_nodes,
         fitness_before=float(generation.fitness[individual]),
         return_before=refinement.return_before,
-        soft_return=training.soft_return,
+        soft_return=_finite_or_none(training.soft_return),
         return_after=refinement.return_after,
         new_best=refinement.is_improved and refinement.return_after > best,
         thresholds_moved=refinement.thresholds_moved,
@@ -258,10 +259,15 @@ def _refined(
         timesteps=training.timesteps,
         updates=training.updates,
         gradient_steps=training.gradient_steps,
-        actor_loss=training.actor_loss,
-        critic_loss=training.critic_loss,
-        clip_fraction=training.clip_fraction,
-        kl=training.kl,
+        actor_loss=_finite_or_none(training.actor_loss),
+        critic_loss=_finite_or_none(training.critic_loss),
+        clip_fraction=_finite_or_none(training.clip_fraction),
+        kl=_finite_or_none(training.kl),
         failure=training.failure,
         refine_seconds=refinement.seconds,
     )
+
+
+def _finite_or_none(value: float) -> float | None:
+    # What was never measured is not a number, which JSON has no word for.
+    return value if math.isfinite(value) else None

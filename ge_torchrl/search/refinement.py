@@ -102,7 +102,7 @@ class Refiner:
             leaf_sd=self._config.leaf_sd,
             generator=generator,
         )
-        source = open_source(self._route.spec, self._config.source, seed=int(rng.integers(2**31)))
+        source = open_source(self._route.spec, self._config.source, rng=rng)
         try:
             training = train(ddt, source, self._settings, seed=int(rng.integers(2**62)))
         finally:
