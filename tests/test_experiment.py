@@ -252,3 +252,39 @@ class TestEvaluation:
             evaluate(tmp_path / "nowhere.json", 1, 0)
         with pytest.raises(ArtefactError, match=r"best_tree\.json"):
             evaluate(tmp_path, 1, 0)
+
+
+class TestWithPPO:
+    PPO = {  # noqa: RUF012
+        "name": "little",
+        "schedule": {"every": 3},
+        "max_timesteps": 400,
+        "update_timesteps": 200,
+        "epochs": 2,
+        "measuring_episodes": 5,
+    }
+
+    def run(self, folder, **changes):
+        values = config(ge={"generations": 8, "population_size": 30}, **changes).as_mapping()
+        return run(Config.from_mapping({**values, "ppo": self.PPO}), folder)
+
+    def test_refinements_are_recorded_shown_and_byte_identical_again(self, tmp_path):
+        summary, output = self.run(tmp_path / "one")
+        self.run(tmp_path / "two", evaluation={"threads": 2})
+        records = RunFolder(tmp_path / "one").read_refinements()
+        assert [record.generation for record in records] == [3, 6]
+        assert summary.refinements == 2
+        assert summary.refinements_improved == sum(record.outcome == "improved" for record in records)
+        assert output.count("PPO:") == 2
+        assert re.search(r"PPO +\d of 2 refinements improved their tree", output)
+        for name in ("history.jsonl", "refinements.jsonl"):
+            assert without_clock(tmp_path / "one" / name) == without_clock(tmp_path / "two" / name)
+        for name in ("best_tree.json", "best_tree_full.json"):
+            assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+    def test_evolution_itself_is_the_same_with_and_without(self, tmp_path):
+        self.run(tmp_path / "with")
+        run(config(ge={"generations": 8, "population_size": 30}), tmp_path / "without")
+        with_ppo, without = (RunFolder(tmp_path / name).read_history() for name in ("with", "without"))
+        assert [r.best_fitness for r in with_ppo] == [r.best_fitness for r in without]
+        assert not (tmp_path / "without" / "refinements.jsonl").exists()

@@ -1,0 +1,68 @@
+"""Tree -> DDT -> PPO -> tree, with little PPO."""
+
+import numpy as np
+import pytest
+
+from ge_torchrl.environments.choose import open_route
+from ge_torchrl.environments.spec import describe
+from ge_torchrl.rl.ppo import TrainingRecord
+from ge_torchrl.search import refinement
+from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED, Refiner
+from ge_torchrl.sections import PPOConfig
+from ge_torchrl.trees.decision_tree import DecisionTree
+
+leaf, split = DecisionTree.leaf, DecisionTree.split
+# The right questions with answers that are mostly wrong.
+WRONG = split(2, 0.0154, split(3, 0.2290, leaf(1), leaf(1)), leaf(0))
+LITTLE = PPOConfig(name="little", max_timesteps=600, update_timesteps=200, epochs=3, measuring_episodes=10)
+
+
+@pytest.fixture(scope="module")
+def route():
+    route = open_route(describe("CartPole-v1"))
+    yield route
+    route.close()
+
+
+def test_structure_is_kept_and_the_counts_tell_what_changed(route):
+    refined = Refiner(route, LITTLE, seed=0).refine(WRONG, generation=40)
+    after = refined.tree
+    np.testing.assert_array_equal(after.feature, WRONG.feature)
+    np.testing.assert_array_equal(after.children_left, WRONG.children_left)
+    np.testing.assert_array_equal(after.children_right, WRONG.children_right)
+    assert refined.thresholds_moved == np.count_nonzero(after.threshold != WRONG.threshold)
+    assert refined.leaves_changed == np.count_nonzero(after.action != WRONG.action)
+    assert refined.largest_threshold_move == np.abs(after.threshold - WRONG.threshold).max()
+    assert (refined.training.timesteps, refined.training.gradient_steps) == (600, 9)
+    assert refined.env_steps > 600
+    expected = IMPROVED if refined.return_after > refined.return_before else NOT_IMPROVED
+    assert refined.outcome == expected
+
+
+def test_the_same_seed_and_generation_give_the_same_tree(route):
+    one, two = (Refiner(route, LITTLE, seed=3).refine(WRONG, generation=40) for _ in range(2))
+    assert one.tree == two.tree
+    assert (one.return_before, one.return_after) == (two.return_before, two.return_after)
+    other = Refiner(route, LITTLE, seed=3).refine(WRONG, generation=80)
+    assert other.training != one.training
+
+
+def test_enough_ppo_mends_wrong_leaves(route):
+    config = PPOConfig(name="enough", max_timesteps=20_000, update_timesteps=2000, epochs=20, lr_actor=0.03)
+    refined = Refiner(route, config, seed=1).refine(WRONG, generation=40)
+    assert refined.outcome == IMPROVED
+    assert refined.return_after > 5 * refined.return_before
+    assert refined.leaves_changed > 0
+
+
+def test_a_failed_training_keeps_the_tree(route, monkeypatch):
+    def broken(ddt, source, settings, seed):  # noqa: ARG001
+        ddt.threshold.data.fill_(float("nan"))
+        return TrainingRecord(timesteps=200, failure="the loss is not finite in update 1")
+
+    monkeypatch.setattr(refinement, "train", broken)
+    refined = Refiner(route, LITTLE, seed=0).refine(WRONG, generation=40)
+    assert refined.outcome == FAILED
+    assert not refined.is_improved
+    assert refined.tree == WRONG
+    assert refined.return_before == refined.return_after

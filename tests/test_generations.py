@@ -1,0 +1,157 @@
+"""The loop over generations with refinement: schedule, records, and what a refined tree may do."""
+
+import itertools
+from types import SimpleNamespace
+
+import pytest
+
+from ge_torchrl.config import Config
+from ge_torchrl.environments.choose import open_route
+from ge_torchrl.experiment import plan
+from ge_torchrl.generations import GenerationLoop
+from ge_torchrl.rl.ppo import TrainingRecord
+from ge_torchrl.search.evolution import Evolution
+from ge_torchrl.search.fitness import TrainingEpisodes
+from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED
+from ge_torchrl.seeding import stream
+from ge_torchrl.trees.decision_tree import DecisionTree
+
+BNF = """
+<if>        ::= if <condition> then <action> else <action>
+<condition> ::= lt(theta, <constant>) | lt(theta_dot, <constant>)
+<action>    ::= left | right | <if>
+<constant>  ::= [-0.5, 0.5] step 0.01
+"""
+
+
+GOOD = DecisionTree.split(
+    2,
+    0.0154,
+    DecisionTree.split(3, 0.2290, DecisionTree.leaf(0), DecisionTree.leaf(1)),
+    DecisionTree.leaf(1),
+)
+
+
+def config(**ppo):
+    return Config.from_mapping(
+        {
+            "env": {
+                "id": "CartPole-v1",
+                "features": ["x", "x_dot", "theta", "theta_dot"],
+                "units": ["", "", "", ""],
+                "actions": ["left", "right"],
+            },
+            "grammar": {"name": "test", "bnf": BNF},
+            "ge": {"population_size": 20, "generations": 13, "genotype_length": 40, "gene_probability": 0.1},
+            "evaluation": {"episodes": 3, "validation_episodes": 10},
+            "ppo": {"name": "test", "schedule": {"every": 4}, **ppo},
+        }
+    )
+
+
+class ScriptedRefiner:
+    """Refines as the test wrote down: outcome and return after."""
+
+    def __init__(self, script):
+        self.script = iter(script)
+        self.asked = []
+
+    def refine(self, tree, generation):
+        self.asked.append((tree, generation))
+        outcome, after, *replaced = next(self.script)
+        if outcome == "interrupt":
+            raise KeyboardInterrupt
+        training = TrainingRecord(
+            timesteps=100, updates=2, gradient_steps=8, failure="broke" if outcome == FAILED else None
+        )
+        return SimpleNamespace(
+            tree=replaced[0] if replaced else tree, outcome=outcome, return_before=20.0, return_after=after, thresholds_moved=1,
+            largest_threshold_move=0.5, leaves_changed=0, training=training, env_steps=150, seconds=1.0,
+            is_improved=outcome == IMPROVED,
+        )  # fmt: skip
+
+
+@pytest.fixture
+def run():
+    routes = []
+
+    def run(configured, script):
+        planned = plan(configured)
+        routes.append(open_route(planned.spec, threads=1))
+        episodes = TrainingEpisodes("fixed", 3, stream(0, "training episodes"))
+        evolution = Evolution(configured.ge, planned.tables, routes[-1], episodes, stream(0, "evolution"))
+        generations, refinements = [], []
+        loop = GenerationLoop(configured, evolution, generations.append)
+        refiner = ScriptedRefiner(script)
+        loop.refine_with(refiner, refinements.append)
+        return loop.run(), generations, refinements, refiner
+
+    yield run
+    for route in routes:
+        route.close()
+
+
+def test_refinements_follow_the_schedule_and_never_touch_the_population(run):
+    script = [(IMPROVED, 300.0), (NOT_IMPROVED, 10.0), (FAILED, 20.0)]
+    evolved, generations, refinements, refiner = run(config(), script)
+    assert [record.generation for record in refinements] == [4, 8, 12]
+    assert [record.outcome for record in refinements] == [IMPROVED, NOT_IMPROVED, FAILED]
+    assert [generation for _, generation in refiner.asked] == [4, 8, 12]
+    _, without, _, _ = run(config(schedule={}), [])
+    assert [r.best_fitness for r in generations] == [r.best_fitness for r in without]
+    assert evolved.env_steps == without[-1].env_steps + 3 * 150
+    assert (evolved.refinements, evolved.refine_seconds) == (3, 3.0)
+
+
+def test_only_an_improved_tree_can_become_the_best(run):
+    _, generations, refinements, _ = run(
+        config(), [(NOT_IMPROVED, 400.0), (IMPROVED, 450.0), (IMPROVED, 1.0)]
+    )
+    best = [record.best_refined for record in generations]
+    assert best[:8] == [None] * 8
+    assert best[8:] == [450.0] * 5
+    assert [record.new_best for record in refinements] == [False, True, False]
+
+
+def test_records_say_which_tree_and_why(run):
+    _, generations, refinements, refiner = run(config(), itertools.repeat((IMPROVED, 30.0)))
+    for record, (tree, _) in zip(refinements, refiner.asked, strict=True):
+        assert record.decision_nodes == tree.n_decision_nodes >= 2
+        assert record.chosen in {"best", "random"}
+        assert record.fitness_before <= generations[record.generation].best_fitness
+        assert (record.timesteps, record.updates, record.gradient_steps) == (100, 2, 8)
+        assert record.actor_loss is None, "what was not measured is null, not NaN"
+
+
+def test_without_a_candidate_the_application_is_skipped_and_said(run):
+    # Every fitness counts as the lowest possible.
+    nobody = config()
+    nobody = Config.from_mapping(
+        {**nobody.as_mapping(), "env": {**nobody.as_mapping()["env"], "lowest_fitness_excluded": 500}}
+    )
+    evolved, _, refinements, refiner = run(nobody, [])
+    assert [(record.outcome, record.redraws) for record in refinements] == [("skipped", 20)] * 3
+    assert refiner.asked == []
+    assert evolved.refinements == 0
+
+
+def test_ctrl_c_in_a_refinement_keeps_the_generation(run):
+    evolved, generations, refinements, _ = run(config(), [(IMPROVED, 300.0), ("interrupt", 0.0)])
+    assert evolved.stopped_by == "interrupt"
+    assert [record.generation for record in generations] == list(range(9))
+    assert len(refinements) == 1
+    assert [contender.fitness for contender in evolved.refined] == [300.0]
+
+
+@pytest.mark.parametrize(("refined", "stopped_by"), [(GOOD, "solved"), (DecisionTree.leaf(0), "generations")])
+def test_a_refined_tree_stops_the_run_if_validation_agrees_that_it_solves(run, refined, stopped_by):
+    values = config(schedule={"generations": [2]}).as_mapping()
+    stopping = Config.from_mapping(
+        {
+            **values,
+            "env": {**values["env"], "solved_at": 499},
+            "ge": {**values["ge"], "stop_when_solved": True},
+        }
+    )
+    evolved, *_ = run(stopping, [(IMPROVED, 500.0, refined)])
+    assert evolved.stopped_by == stopped_by
