@@ -61,14 +61,21 @@ class ScriptedRefiner:
         outcome, after, *replaced = next(self.script)
         if outcome == "interrupt":
             raise KeyboardInterrupt
-        training = TrainingRecord(
-            timesteps=100, updates=2, gradient_steps=8, failure="broke" if outcome == FAILED else None
-        )
+        failure = "broke" if outcome == FAILED else None
+        training = TrainingRecord(timesteps=100, updates=2, gradient_steps=8, failure=failure)
         return SimpleNamespace(
-            tree=replaced[0] if replaced else tree, outcome=outcome, return_before=20.0, return_after=after, thresholds_moved=1,
-            largest_threshold_move=0.5, leaves_changed=0, training=training, env_steps=150, seconds=1.0,
+            tree=replaced[0] if replaced else tree,
+            outcome=outcome,
+            return_before=20.0,
+            return_after=after,
+            thresholds_moved=1,
+            largest_threshold_move=0.5,
+            leaves_changed=0,
+            training=training,
+            env_steps=150,
+            seconds=1.0,
             is_improved=outcome == IMPROVED,
-        )  # fmt: skip
+        )
 
 
 @pytest.fixture
