@@ -150,7 +150,7 @@ class Summary:
         complexity_M: Its complexity by Eq. 4.
         generations: Generations run, the first population included.
         stopped_by: "generations", "solved", "max_seconds", "max_env_steps" or "interrupt".
-        env_steps: Environment steps of evolution.
+        env_steps: Environment steps of evolution and of refinements.
         env_steps_total: With validation, pruning and test.
         refinements: Applications of PPO to a tree, skipped ones not counted.
         refinements_improved: Those that made the tree better on the same unseen episodes.

@@ -25,9 +25,7 @@ def config(*, seed=0, ppo="none", environment="CartPole-v1", generations=200):
     return Config(
         env=EnvironmentConfig(id=environment, solved_at=475.0),
         grammar=GrammarConfig(name="cartpole", bnf="<dt> ::= leaf"),
-        ge=GEConfig(
-            population_size=20, generations=generations, genotype_length=100, gene_probability=0.1
-        ),
+        ge=GEConfig(population_size=20, generations=generations, genotype_length=100, gene_probability=0.1),
         evaluation=EvaluationConfig(episodes=5),
         ppo=PPOConfig(name=ppo),
         seed=seed,
@@ -59,32 +57,32 @@ def history(best, refined=()):
 
 def refinement(number=40, *, before=100.0, again=90.0, after=480.0, **changes):
     """An application; `before` on the training episodes, `again` and `after` on the unseen ones."""
-    record = RefinementRecord(
-        generation=number,
-        outcome="improved" if after > again else "not_improved",
-        chosen="random",
-        redraws=1,
-        individual=7,
-        decision_nodes=3,
-        fitness_before=before,
-        return_before=again,
-        soft_return=200.0,
-        return_after=after,
-        new_best=after > before,
-        thresholds_moved=1,
-        largest_threshold_move=0.02,
-        leaves_changed=2,
-        timesteps=100_000,
-        updates=33,
-        gradient_steps=1980,
-        actor_loss=-0.01,
-        critic_loss=3.0,
-        clip_fraction=0.1,
-        kl=0.01,
-        failure=None,
-        refine_seconds=1.0,
-    )
-    return replace(record, **changes)
+    values = {
+        "generation": number,
+        "outcome": "improved" if after > again else "not_improved",
+        "chosen": "random",
+        "redraws": 1,
+        "individual": 7,
+        "decision_nodes": 3,
+        "fitness_before": before,
+        "return_before": again,
+        "soft_return": 200.0,
+        "return_after": after,
+        "new_best": after > before,
+        "thresholds_moved": 1,
+        "largest_threshold_move": 0.02,
+        "leaves_changed": 2,
+        "timesteps": 100_000,
+        "updates": 33,
+        "gradient_steps": 1980,
+        "actor_loss": -0.01,
+        "critic_loss": 3.0,
+        "clip_fraction": 0.1,
+        "kl": 0.01,
+        "failure": None,
+        "refine_seconds": 1.0,
+    }
+    return RefinementRecord(**{**values, **changes})
 
 
 def skipped(number=40):
@@ -100,9 +98,7 @@ def write_run(path, *, seed=0, ppo="none", generations=None, refinements=(), **c
     """Write a finished run; `changes` are of its summary."""
     generations = history([100.0, 500.0]) if generations is None else generations
     found = summary(seed=seed, generations=len(generations), **changes)
-    settings = config(
-        seed=seed, ppo=ppo, environment=found.environment, generations=max(1, len(generations))
-    )
+    settings = config(seed=seed, ppo=ppo, environment=found.environment, generations=max(1, len(generations)))
     folder = RunFolder.create(path, settings)
     with folder.history_writer() as writer:
         for record in generations:

@@ -91,7 +91,9 @@ class Progress:
         table.add_row(*self._cells(last))
         done = last.generation + 1
         bar = ProgressBar(total=self._generations, completed=done, width=40)
-        return Group(table, bar, Text(f"{done} of {self._generations} generations", style="dim"))
+        below = Table.grid(padding=(0, 1))
+        below.add_row(bar, Text(f"{done} of {self._generations} generations", style="dim"))
+        return Group(table, below)
 
     def _cells(self, record: GenerationRecord) -> tuple[str, ...]:
         elapsed = max(record.elapsed_seconds, 1e-9)

@@ -8,9 +8,10 @@ from itertools import groupby
 import numpy as np
 
 from ge_torchrl.artefacts import Summary
+from ge_torchrl.report.published import PublishedSweep
 
 
-def runs_table(summaries: Sequence[Summary]) -> str:
+def runs_table(summaries: Sequence[Summary], method: str = "") -> str:
     """Return one Markdown table for each environment, a row a run and a last row over all runs.
 
     The form is that of Tables 4.3, 4.6 and 4.9 of the thesis: training and test fitness of the best tree and its
@@ -18,15 +19,17 @@ def runs_table(summaries: Sequence[Summary]) -> str:
 
     Args:
         summaries: Runs in any order.
+        method: Named in the titles, if given.
     """
     by_environment = sorted(summaries, key=lambda summary: (summary.environment, summary.seed))
     tables = [
-        _environment_table(list(runs)) for _, runs in groupby(by_environment, key=lambda run: run.environment)
+        _environment_table(list(runs), method)
+        for _, runs in groupby(by_environment, key=lambda run: run.environment)
     ]
     return "\n\n".join(tables)
 
 
-def _environment_table(runs: list[Summary]) -> str:
+def _environment_table(runs: list[Summary], method: str) -> str:
     first = runs[0]
     head = ["seed", "training", "test mean ± sd", "solved", "M", "decision nodes", "evolution s", "all s"]
     rows = [
@@ -34,7 +37,7 @@ def _environment_table(runs: list[Summary]) -> str:
             str(run.seed),
             f"{run.train_fitness:.2f}",
             f"{run.test_mean:.2f} ± {run.test_std:.2f}",
-            "" if run.solved is None else "yes" if run.solved else "no",
+            _yes(run.solved),
             f"{run.complexity_M:.1f}",
             str(run.decision_nodes),
             f"{run.evolve_seconds:.2f}",
@@ -42,13 +45,12 @@ def _environment_table(runs: list[Summary]) -> str:
         ]
         for run in runs
     ]
-    solved = sum(bool(run.solved) for run in runs)
     rows.append(
         [
             "**all**",
             f"{_mean(run.train_fitness for run in runs):.2f}",
             f"{_mean(run.test_mean for run in runs):.2f}",
-            f"**{solved} of {len(runs)}**",
+            f"**{_share(runs)}**",
             f"{_mean(run.complexity_M for run in runs):.1f}",
             f"{_mean(run.decision_nodes for run in runs):.1f}",
             f"{_mean(run.evolve_seconds for run in runs):.2f}",
@@ -56,8 +58,70 @@ def _environment_table(runs: list[Summary]) -> str:
         ]
     )
     threshold = "" if first.solved_at is None else f", solved from {first.solved_at:g}"
-    title = f"**{first.environment}** ({first.test_episodes} test episodes{threshold})"
+    name = f"{first.environment} {method}".rstrip()
+    title = f"**{name}** ({first.test_episodes} test episodes{threshold})"
     return f"{title}\n\n{markdown(head, rows)}"
+
+
+def thesis_table(runs: Sequence[Summary], published: PublishedSweep | None) -> str:
+    """Return a Markdown table in the form of Tables 4.3, 4.6 and 4.9, the thesis' numbers beside ours.
+
+    Args:
+        runs: Runs of one environment in the order of their rows.
+        published: The thesis' runs; None where it has none, and then its columns are left out.
+    """
+    ours = [[*_numbers(run.train_fitness, run.test_mean, run.complexity_M), _yes(run.solved)] for run in runs]
+    columns = zip(*((run.train_fitness, run.test_mean, run.complexity_M) for run in runs), strict=True)
+    ours.append([*_numbers(*map(_mean, columns)), _share(runs)])
+    head, seeds = ["training", "test", "M", "solved"], [*(str(run.seed) for run in runs), "**mean**"]
+    if published is None:
+        return markdown(["seed", *head], [[seed, *row] for seed, row in zip(seeds, ours, strict=True)])
+    theirs = [*(_published_cells(published, run.seed) for run in runs), _published_means(published)]
+    names = [*(f"R{run.seed + 1}" for run in runs), ""]
+    rows = [
+        [name, seed, *_alternating(row, beside)]
+        for name, seed, row, beside in zip(names, seeds, ours, theirs, strict=True)
+    ]
+    return markdown(["run", "seed", *_alternating(head, ["thesis"] * 4)], rows)
+
+
+def published_summary(published: PublishedSweep) -> list[str]:
+    """Return what the thesis found in an environment: the solved runs, the mean test return and the mean M."""
+    _, test, complexity, solved = _published_means(published)
+    return [solved, test, complexity]
+
+
+def _published_cells(published: PublishedSweep, seed: int) -> list[str]:
+    run = published.run_of_seed(seed)
+    if run is None:
+        return [""] * 4
+    return [
+        *_numbers(run.train_fitness, run.test_mean, run.complexity_M),
+        _yes(published.is_solved(run)),
+    ]
+
+
+def _published_means(published: PublishedSweep) -> list[str]:
+    columns = zip(
+        *((run.train_fitness, run.test_mean, run.complexity_M) for run in published.runs), strict=True
+    )
+    return [*_numbers(*map(_mean, columns)), f"{published.solved} of {len(published.runs)}"]
+
+
+def _numbers(train_fitness: float, test_mean: float, complexity: float) -> list[str]:
+    return [f"{train_fitness:.2f}", f"{test_mean:.2f}", f"{complexity:.1f}"]
+
+
+def _alternating(ours: Sequence[str], theirs: Sequence[str]) -> list[str]:
+    return [cell for pair in zip(ours, theirs, strict=True) for cell in pair]
+
+
+def _yes(solved: bool | None) -> str:
+    return "" if solved is None else "yes" if solved else "no"
+
+
+def _share(runs: Sequence[Summary]) -> str:
+    return f"{sum(bool(run.solved) for run in runs)} of {len(runs)}"
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -10,6 +10,7 @@ def record(generation, best, **changes):
     values = {
         "generation": generation,
         "best_fitness": best,
+        "best_refined": None,
         "median_fitness": 9.4,
         "mean_fitness": 20.0,
         "best_decision_nodes": 2,

@@ -1,0 +1,74 @@
+"""Figures without a display: made, and saved as SVG and PNG whose bytes depend on the content alone.
+
+matplotlib is an extra and is imported only here and where something is drawn.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ge_torchrl.errors import ArtefactError, UserError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, which people of all kinds of colour vision tell apart.
+BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+SKY, PURPLE, YELLOW, GREY = "#56B4E9", "#CC79A7", "#F0E442", "#999999"
+
+PLOTS_HINT = 'figures need matplotlib; expected it installed: pip install "ge-torchrl[plots]"'
+
+_DPI = 150
+# An Agg image has less than 2^16 pixels a side; a long tree is drawn with fewer dots an inch instead.
+_MOST_PIXELS = 20_000
+
+
+def has_matplotlib() -> bool:
+    """Return whether figures can be drawn."""
+    return find_spec("matplotlib") is not None
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure of this size in inches.
+
+    Raises:
+        UserError: matplotlib is not installed.
+    """
+    if not has_matplotlib():
+        raise UserError(PLOTS_HINT)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height))
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_figure(figure: Figure, path: Path) -> tuple[Path, Path]:
+    """Write a figure as SVG and as PNG; equal figures give equal bytes.
+
+    Args:
+        figure: The figure.
+        path: Path of the files without suffix; its folder is made.
+
+    Returns:
+        Paths of the SVG and of the PNG.
+
+    Raises:
+        ArtefactError: The files cannot be written.
+    """
+    from matplotlib import rc_context
+
+    svg, png = (path.with_name(path.name + suffix) for suffix in (".svg", ".png"))
+    dpi = min(_DPI, _MOST_PIXELS / max(figure.get_size_inches()))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # The salt names the clip paths of an SVG, which would be random.
+        with rc_context({"svg.hashsalt": "ge_torchrl"}):
+            figure.savefig(svg, metadata={"Date": None, "Creator": None})
+        figure.savefig(png, dpi=dpi, metadata={"Software": None})
+    except OSError as error:
+        raise ArtefactError(f"{path} cannot be written: {error.strerror}") from error
+    return svg, png

@@ -1,0 +1,142 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sweeps_for_tests import generation, history
+
+from ge_torchrl.report.statistics import (
+    SolvingTime,
+    best_of,
+    bootstrap_band,
+    bootstrap_interval,
+    generations_to_solve,
+    paired_ratio,
+    solving_time,
+    wilson_interval,
+)
+
+
+@pytest.mark.parametrize(
+    ("successes", "n", "low", "high"),
+    [
+        (9, 10, 0.5958, 0.9821),
+        (5, 10, 0.2366, 0.7634),
+        (10, 10, 0.7225, 1.0),
+        (0, 10, 0.0, 0.2775),
+        (29, 40, 0.5717, 0.8389),
+        (1, 1, 0.2065, 1.0),
+    ],
+)
+def test_wilson_intervals_typed_by_hand(successes, n, low, high):
+    assert wilson_interval(successes, n) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_wilson_interval_of_less_confidence_is_narrower():
+    assert wilson_interval(9, 10, confidence=0.9) == pytest.approx((0.6523, 0.9774), abs=5e-5)
+
+
+@given(st.integers(1, 200), st.data())
+def test_wilson_interval_holds_the_rate_and_mirrors(n, data):
+    successes = data.draw(st.integers(0, n))
+    low, high = wilson_interval(successes, n)
+    assert 0 <= low <= successes / n <= high <= 1
+    assert wilson_interval(n - successes, n) == pytest.approx((1 - high, 1 - low))
+
+
+@pytest.mark.parametrize(("successes", "n"), [(0, 0), (-1, 3), (4, 3)])
+def test_wilson_interval_refuses_what_is_no_rate(successes, n):
+    with pytest.raises(ValueError, match="0 <= successes <= n"):
+        wilson_interval(successes, n)
+
+
+def test_bootstrap_of_two_values_is_their_range():
+    # A quarter of the resamples holds one value alone, more than either tail.
+    assert bootstrap_interval([2.0, 6.0], np.random.default_rng(0)) == (2.0, 6.0)
+
+
+def test_bootstrap_of_the_mean_agrees_with_theory():
+    values = np.random.default_rng(1).normal(10.0, 2.0, size=400)
+    low, high = bootstrap_interval(values, np.random.default_rng(0))
+    margin = 1.96 * values.std() / 20
+    assert low == pytest.approx(values.mean() - margin, abs=0.02)
+    assert high == pytest.approx(values.mean() + margin, abs=0.02)
+
+
+def test_bootstrap_of_the_median_ignores_what_the_mean_does_not():
+    values = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1000.0]
+    rng = np.random.default_rng(0)
+    assert bootstrap_interval(values, rng, statistic="median") == (1.0, 1.0)
+    assert bootstrap_interval(values, rng).high > 100
+
+
+def test_bootstrap_of_one_value_has_no_width():
+    assert bootstrap_interval([3.5], np.random.default_rng(0)) == (3.5, 3.5)
+
+
+def test_bootstrap_is_a_function_of_its_generator():
+    values = np.arange(10.0) ** 2
+    first, again, other = (bootstrap_interval(values, np.random.default_rng(seed)) for seed in (7, 7, 8))
+    assert first == again != other
+
+
+@pytest.mark.parametrize(("values", "statistic"), [([], "mean"), ([[1.0]], "mean"), ([1.0], "mode")])
+def test_bootstrap_refuses_what_it_cannot_do(values, statistic):
+    with pytest.raises(ValueError, match=r"expected a vector|must be mean or median"):
+        bootstrap_interval(values, np.random.default_rng(0), statistic=statistic)
+
+
+def test_band_agrees_with_the_interval_of_each_point():
+    curves = np.random.default_rng(2).normal(size=(10, 3)).cumsum(axis=1)
+    band = bootstrap_band(curves, np.random.default_rng(0), n_resamples=20_000)
+    assert band.shape == (2, 3)
+    for point in range(3):
+        interval = bootstrap_interval(curves[:, point], np.random.default_rng(1), n_resamples=20_000)
+        assert band[:, point] == pytest.approx(interval, abs=0.03)
+
+
+def test_best_of_a_generation_counts_refined_trees():
+    assert best_of(generation(0, 9.0, 480.0)) == 480.0
+    assert best_of(generation(0, 490.0, 480.0)) == 490.0
+    assert best_of(generation(0, None, 480.0)) == 480.0
+    assert best_of(generation(0, 9.0)) == 9.0
+    assert best_of(generation(0, None)) is None
+
+
+def test_generations_to_solve():
+    assert generations_to_solve(history([9.0, 474.9, 475.0, 500.0]), 475.0) == 2
+    assert generations_to_solve(history([500.0]), 475.0) == 0
+    assert generations_to_solve(history([9.0, 9.0]), 475.0) is None
+    assert generations_to_solve(history([None, None, 9.0], [None, 499.8]), 475.0) == 1
+
+
+def test_solving_time_counts_the_first_population():
+    assert solving_time(history([9.0, 500.0]), 475.0).generations == 2
+    censored = solving_time(history([9.0, 400.0, 470.0]), 475.0)
+    assert (censored.generation, censored.generations, censored.censored) == (None, 3, True)
+
+
+def test_ratio_of_run_4_of_the_thesis():
+    # It solved CartPole in generation 40 with PPO and in 128 without.
+    ratio = paired_ratio([(SolvingTime(40, 200), SolvingTime(128, 200))], np.random.default_rng(0))
+    assert ratio.median == pytest.approx(41 / 129)
+    assert ratio.interval == pytest.approx((41 / 129, 41 / 129))
+    assert (ratio.pairs, ratio.treated_censored, ratio.control_censored, ratio.both_censored) == (1, 0, 0, 0)
+
+
+def test_ratio_of_pairs_takes_the_median_and_counts_the_censored():
+    pairs = [
+        (SolvingTime(9, 100), SolvingTime(19, 100)),  # 10 / 20
+        (SolvingTime(9, 100), SolvingTime(None, 100)),  # 10 / 100, too large
+        (SolvingTime(None, 100), SolvingTime(49, 100)),  # 100 / 50, too small
+        (SolvingTime(None, 100), SolvingTime(None, 100)),  # tells nothing
+        (SolvingTime(0, 100), SolvingTime(3, 100)),  # 1 / 4
+    ]
+    ratio = paired_ratio(pairs, np.random.default_rng(0))
+    assert ratio.median == 0.5
+    assert 0.1 <= ratio.interval.low < 0.5 < ratio.interval.high <= 2.0
+    assert (ratio.pairs, ratio.treated_censored, ratio.control_censored, ratio.both_censored) == (5, 2, 2, 1)
+
+
+def test_ratio_needs_a_pair():
+    with pytest.raises(ValueError, match="at least one"):
+        paired_ratio([], np.random.default_rng(0))
