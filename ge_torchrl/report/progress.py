@@ -135,11 +135,21 @@ def _refinement_line(record: RefinementRecord) -> str:
     what = f"{front} {record.chosen} tree of {record.decision_nodes} decision nodes"
     if record.outcome == "failed":
         return f"{what} kept as it was, {record.failure} ({record.refine_seconds:.1f} s)"
-    change = f"{_number(record.return_before)} -> {_number(record.return_after)} on unseen episodes"
     verdict = (
         "new best" if record.new_best else "improved" if record.outcome == "improved" else "not improved"
     )
-    return f"{what}, {change}, {verdict} ({record.refine_seconds:.1f} s)"
+    return (
+        f"{what} and fitness {_number(record.fitness_before)}: "
+        f"{_number(record.return_before)} -> {_number(record.return_after)} on unseen episodes "
+        f"(soft {_number(record.soft_return)}), {verdict}; "
+        f"{_counted(record.thresholds_moved, 'threshold')} and {_counted(record.leaves_changed, 'leaf')} changed "
+        f"in {record.timesteps:,} steps, {record.refine_seconds:.1f} s"
+    )
+
+
+def _counted(number: int | None, what: str) -> str:
+    plural = {"threshold": "thresholds", "leaf": "leaves"}[what]
+    return f"{number} {what if number == 1 else plural}"
 
 
 def _number(value: float | None) -> str:
