@@ -6,16 +6,14 @@ one line before Hydra makes a folder.
 
 import argparse
 import itertools
-import json
 import os
 import secrets
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -30,10 +28,10 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
+from ge_torchrl.commands import FAULT, INTERRUPTED, OK, USER_ERROR, evaluate, report
 from ge_torchrl.config import Config, check_key, template
 from ge_torchrl.errors import ConfigError, UserError
 
-OK, FAULT, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 _VERSION_BASE = "1.3"
 _PACKAGE = Path(__file__).resolve().parent
 # A wheel carries the configuration within the package, a checkout beside it.
@@ -49,66 +47,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         if arguments[:1] == ["evaluate"]:
-            return _evaluate(arguments[1:])
+            return evaluate(arguments[1:])
         if arguments[:1] == ["report"]:
-            return _tabulate(arguments[1:])
+            return report(arguments[1:])
         return _run(arguments)
     except UserError as error:
         return _report(error)
     except KeyboardInterrupt:
         return INTERRUPTED
-
-
-def _evaluate(arguments: list[str]) -> int:
-    parser = _Parser(
-        prog="ge-torchrl evaluate", description="Measure a tree on episodes that no run has seen."
-    )
-    parser.add_argument("path", metavar="TREE_OR_RUN", type=Path, help="a tree's file or a run's folder")
-    parser.add_argument("--episodes", type=_integer_from(1), default=1000, help="default: 1000")
-    parser.add_argument(
-        "--seed", type=_integer_from(0), default=10000, help="of the first episode; default: 10000"
-    )
-    parser.add_argument("--route", choices=("auto", "gymnasium", "compiled"), default="auto")
-    parser.add_argument("--json", action="store_true", help="print one line of JSON")
-    options = parser.parse_args(arguments)
-
-    from ge_torchrl import evaluation
-
-    summary = evaluation.evaluate(options.path, options.episodes, options.seed, options.route)
-    print(json.dumps(summary.as_dict()) if options.json else summary.as_text())
-    return OK
-
-
-def _tabulate(arguments: list[str]) -> int:
-    parser = _Parser(
-        prog="ge-torchrl report",
-        description="Print a table of finished runs, and write a report with figures and drawn trees.",
-    )
-    parser.add_argument(
-        "folder", metavar="FOLDER", type=Path, help="a run's or sweep's folder, or any above them"
-    )
-    parser.add_argument(
-        "--against", metavar="FOLDER", type=Path, help="of runs of the other method, GE or GE+PPO"
-    )
-    parser.add_argument(
-        "--output", metavar="DIR", type=Path, help="folder of the report; default: FOLDER/report"
-    )
-    options = parser.parse_args(arguments)
-
-    from ge_torchrl.report.canvas import PLOTS_HINT, has_matplotlib
-    from ge_torchrl.report.findings import runs_tables
-    from ge_torchrl.report.sweep import gather_runs, write_report
-
-    found = gather_runs(options.folder, options.against)
-    for line in found.unreadable:
-        print(f"ge-torchrl: left out: {line}", file=sys.stderr)
-    print(runs_tables(found.runs))
-    if options.output is None and not has_matplotlib():
-        print(f"ge-torchrl: no report: {PLOTS_HINT}", file=sys.stderr)
-    else:
-        output = options.output or options.folder / "report"
-        print(f"\nreport: {write_report(options.folder, options.against, output)}")
-    return OK
 
 
 def _run(arguments: list[str]) -> int:
@@ -295,13 +241,6 @@ def _one_line(error: BaseException) -> str:
     return " ".join(" ".join(texts).split())
 
 
-class _Parser(argparse.ArgumentParser):
-    """A parser whose complaint is one line, without the usage."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UserError(f"{message}; see --help")
-
-
 def _parse(arguments: list[str]) -> argparse.Namespace:
     parser = get_args_parser()
     parser.exit_on_error = False
@@ -316,15 +255,6 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
             f"{argument} stands apart; expected all key=value together, before or after the flags"
         )
     return options
-
-
-def _integer_from(at_least: int) -> Callable[[str], int]:
-    def integer(text: str) -> int:
-        if not text.isdecimal() or int(text) < at_least:
-            raise argparse.ArgumentTypeError(f"must be an integer of at least {at_least}; got {text}")
-        return int(text)
-
-    return integer
 
 
 def _report(error: UserError) -> int:

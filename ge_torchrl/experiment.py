@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 from rich.console import Console
 
 from ge_torchrl import __version__
-from ge_torchrl.artefacts import RunFolder, Summary
+from ge_torchrl.artefacts import RunFolder
 from ge_torchrl.compilation import is_compiled_before
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
@@ -22,6 +22,7 @@ from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
 from ge_torchrl.generations import Evolved, GenerationLoop, validation_seeds
+from ge_torchrl.records import Summary
 from ge_torchrl.report.closing import closing_text, tree_text
 from ge_torchrl.report.progress import Progress
 from ge_torchrl.search.champion import Champion, choose_champion, contenders_of

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ge_torchrl.artefacts import GenerationRecord, RefinementRecord
 from ge_torchrl.config import Config
+from ge_torchrl.records import GenerationRecord, RefinementRecord
 from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidate
 from ge_torchrl.search.champion import REFINEMENT, Contender
 from ge_torchrl.search.evolution import Evolution, Generation

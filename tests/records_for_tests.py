@@ -1,6 +1,6 @@
 """Records with plausible values, each of which a test may change."""
 
-from ge_torchrl.artefacts import Summary
+from ge_torchrl.records import Summary
 
 
 def summary(**changes):

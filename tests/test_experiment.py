@@ -13,12 +13,13 @@ from environments_for_tests import CountdownEnv, RaisingEnv
 from rich.console import Console
 
 from ge_torchrl import experiment
-from ge_torchrl.artefacts import CLOCK_FIELDS, RunFolder, find_runs
+from ge_torchrl.artefacts import RunFolder, find_runs
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.errors import ArtefactError, EnvironmentFaultError, GrammarError
 from ge_torchrl.evaluation import evaluate
+from ge_torchrl.records import CLOCK_FIELDS
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.serialization import read_tree

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from ge_torchrl.artefacts import Summary
+from ge_torchrl.records import Summary
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.labels import TreeLabels
 from ge_torchrl.trees.rendering import render_rules, render_text

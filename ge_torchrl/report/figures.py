@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.artefacts import GenerationRecord
+from ge_torchrl.records import GenerationRecord
 from ge_torchrl.report.canvas import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
 from ge_torchrl.report.runs import Pair
 from ge_torchrl.report.statistics import SolvingTime, best_of, bootstrap_band

@@ -12,7 +12,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from ge_torchrl.artefacts import GenerationRecord, RefinementRecord
+from ge_torchrl.records import GenerationRecord, RefinementRecord
 
 # The table shows the generations that brought something new, and the last one.
 _SHOWN_ROWS = 12

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ge_torchrl.artefacts import RefinementRecord
+from ge_torchrl.records import RefinementRecord
 
 
 @dataclass(frozen=True)

@@ -7,17 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ge_torchrl.artefacts import (
-    BEST_TREE_FULL,
-    HISTORY,
-    GenerationRecord,
-    RefinementRecord,
-    RunFolder,
-    Summary,
-    find_runs,
-)
+from ge_torchrl.artefacts import BEST_TREE_FULL, HISTORY, RunFolder, find_runs
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, UserError
+from ge_torchrl.records import GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.report.statistics import SolvingTime, solving_time
 from ge_torchrl.trees.serialization import TreeDocument, read_tree
 

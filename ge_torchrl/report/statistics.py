@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ge_torchrl.artefacts import GenerationRecord
+from ge_torchrl.records import GenerationRecord
 
 
 class Interval(NamedTuple):

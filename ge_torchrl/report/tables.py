@@ -7,7 +7,7 @@ from itertools import groupby
 
 import numpy as np
 
-from ge_torchrl.artefacts import Summary
+from ge_torchrl.records import Summary
 from ge_torchrl.report.published import PublishedSweep
 
 

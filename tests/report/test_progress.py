@@ -2,7 +2,7 @@ import io
 
 from rich.console import Console
 
-from ge_torchrl.artefacts import GenerationRecord
+from ge_torchrl.records import GenerationRecord
 from ge_torchrl.report.progress import Progress
 
 
