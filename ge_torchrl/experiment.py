@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,20 +18,22 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.route import Route
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
-from ge_torchrl.errors import GrammarError
+from ge_torchrl.errors import EnvironmentFaultError, GrammarError
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
 from ge_torchrl.generations import Evolved, GenerationLoop, validation_seeds
 from ge_torchrl.records import Summary
 from ge_torchrl.report.closing import closing_text, tree_text
 from ge_torchrl.report.progress import Progress
-from ge_torchrl.search.champion import Champion, choose_champion, contenders_of
+from ge_torchrl.search.champion import Champion, Contender, choose_champion, contenders_of
 from ge_torchrl.search.evolution import Evolution
 from ge_torchrl.search.fitness import TrainingEpisodes
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.complexity import complexity
+from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.serialization import TreeDocument
+from ge_torchrl.trees.simplify import simplify_exact
 
 if TYPE_CHECKING:
     from ge_torchrl.search.refinement import Refiner
@@ -108,16 +110,9 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
         if not is_compiled_before():
             console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
         evolution.warm_up()
-        with ExitStack() as open_files:
-            history = open_files.enter_context(folder.history_writer())
-            progress = open_files.enter_context(Progress(console, config.ge.generations))
-            loop = GenerationLoop(config, evolution, on_generation=_each(history.write, progress.show))
-            if config.ppo.enabled:
-                refinements = open_files.enter_context(folder.refinements_writer())
-                loop.refine_with(
-                    _make_refiner(config, route), _each(refinements.write, progress.show_refinement)
-                )
-            evolved = loop.run()
+        evolved = _evolve(planned, evolution, folder, console)
+        if evolved.stopped_by == "interrupt":
+            console.print("Testing what was found; Ctrl-C again leaves it untested in the run folder.")
         summary, champion = _conclude(planned, evolution, evolved, folder, started)
     finally:
         route.close()
@@ -125,6 +120,28 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     shown = folder.path.relative_to(Path.cwd()) if folder.path.is_relative_to(Path.cwd()) else folder.path
     console.print(closing_text(summary, champion.pruned, planned.spec.labels, shown), soft_wrap=True)
     return summary
+
+
+def _evolve(planned: Plan, evolution: Evolution, folder: RunFolder, console: Console) -> Evolved:
+    """Run the loop over generations with its files and its progress; a fault keeps the best tree so far."""
+    config = planned.config
+    with ExitStack() as open_files:
+        history = open_files.enter_context(folder.history_writer())
+        progress = open_files.enter_context(Progress(console, config.ge.generations))
+        loop = GenerationLoop(config, evolution, on_generation=_each(history.write, progress.show))
+        if config.ppo.enabled:
+            refinements = open_files.enter_context(folder.refinements_writer())
+            refiner = _make_refiner(config, evolution.route)
+            loop.refine_with(refiner, _each(refinements.write, progress.show_refinement))
+        try:
+            return loop.run()
+        except EnvironmentFaultError as fault:
+            if loop.evolved is None:
+                raise
+            _save_leader(planned, _contenders(planned, evolution, loop.evolved), folder)
+            raise EnvironmentFaultError(
+                f"{fault}; the best tree so far is in {folder.path}, untested"
+            ) from fault
 
 
 def _each(*receivers: Callable[[_Record], None]) -> Callable[[_Record], None]:
@@ -147,17 +164,11 @@ def _conclude(
 ) -> tuple[Summary, Champion]:
     """Choose the champion, prune it, test it on unseen episodes and write what was found."""
     config, spec, route = planned.config, planned.spec, evolution.route
-    mapping = evolution.map(evolved.last.codons)
-    if not mapping.valid.any():
-        raise GrammarError(
-            f"no genotype of {config.ge.genotype_length} codons gave a tree in {evolved.born} tries; "
-            f"the grammar {config.grammar.name} needs a longer one (ge.genotype_length) or wraps (ge.wraps)"
-        )
+    contenders = _contenders(planned, evolution, evolved)
+    # Testing can take long where environments are slow: whatever happens to it, a tree is there.
+    _save_leader(planned, contenders, folder)
     champion = choose_champion(
-        route,
-        [*contenders_of(mapping, evolved.last.fitness), *evolved.refined],
-        config.evaluation.champion_candidates,
-        validation_seeds(config),
+        route, contenders, config.evaluation.champion_candidates, validation_seeds(config)
     )
     test_seeds = episode_seeds("test", config.evaluation.test_episodes, stream(config.seed, "test episodes"))
     tested = route.evaluate(Forest.stack([champion.pruned, champion.full]), test_seeds)
@@ -190,22 +201,53 @@ def _conclude(
         solved_at=spec.solved_at,
         version=__version__,
     )
-    _write(planned, champion, folder, summary)
+    told = {
+        "validation_mean": summary.validation_mean,
+        "test_mean": summary.test_mean,
+        "test_mean_full": summary.test_mean_full,
+    }
+    _write_trees(planned, folder, champion.full, champion.pruned, summary.train_fitness, told)
+    folder.write_summary(summary)
     return summary, champion
 
 
-def _write(planned: Plan, champion: Champion, folder: RunFolder, summary: Summary) -> None:
+def _contenders(planned: Plan, evolution: Evolution, evolved: Evolved) -> list[Contender]:
+    mapping = evolution.map(evolved.last.codons)
+    contenders = [*contenders_of(mapping, evolved.last.fitness), *evolved.refined]
+    if not contenders:
+        config = planned.config
+        raise GrammarError(
+            f"no genotype of {config.ge.genotype_length} codons gave a tree in {evolved.born} tries; "
+            f"the grammar {config.grammar.name} needs a longer one (ge.genotype_length) or wraps (ge.wraps)"
+        )
+    return contenders
+
+
+def _save_leader(planned: Plan, contenders: Sequence[Contender], folder: RunFolder) -> None:
+    """Write the fittest tree as it is, untested, without the splits that no state can reach."""
+    leader = max(contenders, key=lambda contender: contender.fitness)
+    simple = simplify_exact(leader.tree, planned.spec.low, planned.spec.high)
+    _write_trees(planned, folder, leader.tree, simple, leader.fitness, {"test_mean": None})
+
+
+def _write_trees(
+    planned: Plan,
+    folder: RunFolder,
+    full: DecisionTree,
+    pruned: DecisionTree,
+    train_fitness: float,
+    told: Mapping[str, object],
+) -> None:
     labels = planned.spec.labels
     origin = {
         "program": f"ge_torchrl {__version__}",
-        "seed": summary.seed,
+        "seed": planned.config.seed,
         "grammar": planned.config.grammar.name,
-        "train_fitness": summary.train_fitness,
-        "validation_mean": summary.validation_mean,
+        "train_fitness": train_fitness,
+        **told,
     }
     folder.write_trees(
-        TreeDocument(champion.pruned, labels, {**origin, "pruned": True, "test_mean": summary.test_mean}),
-        TreeDocument(champion.full, labels, {**origin, "pruned": False, "test_mean": summary.test_mean_full}),
-        tree_text(champion.pruned, labels),
+        TreeDocument(pruned, labels, {**origin, "pruned": True}),
+        TreeDocument(full, labels, {**origin, "pruned": False}),
+        tree_text(pruned, labels),
     )
-    folder.write_summary(summary)

@@ -76,6 +76,11 @@ class GenerationLoop:
     _evolved: Evolved | None = field(default=None, init=False)
     _started: float = field(default=0.0, init=False)
 
+    @property
+    def evolved(self) -> Evolved | None:
+        """How far evolution has come; None before the first generation."""
+        return self._evolved
+
     def refine_with(self, refiner: Refiner, on_refinement: Callable[[RefinementRecord], None]) -> None:
         """Refine a tree in the scheduled generations, and call `on_refinement` with each record."""
         self._refiner, self._on_refinement = refiner, on_refinement

@@ -179,6 +179,41 @@ def test_ctrl_c_keeps_what_was_found(tmp_path, monkeypatch):
     assert "interrupt" in output
 
 
+def test_a_second_ctrl_c_leaves_the_best_tree_untested(tmp_path, monkeypatch):
+    def impatient(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(experiment, "choose_champion", impatient)
+    with pytest.raises(KeyboardInterrupt):
+        run(config(), tmp_path / "run")
+    document = read_tree(tmp_path / "run" / "best_tree.json")
+    assert document.provenance["test_mean"] is None
+    assert document.provenance["train_fitness"] == RunFolder(tmp_path / "run").read_history()[-1].best_fitness
+    assert not (tmp_path / "run" / "summary.json").exists()
+
+
+def test_a_fault_in_mid_run_keeps_the_best_tree_so_far(tmp_path, monkeypatch):
+    original = experiment.TrainingEpisodes.next_generation
+    calls = []
+
+    def breaking(self):
+        calls.append(self)
+        if len(calls) == 4:
+            raise EnvironmentFaultError("CartPole-v1 raised OSError()")
+        return original(self)
+
+    monkeypatch.setattr(experiment.TrainingEpisodes, "next_generation", breaking)
+    with pytest.raises(
+        EnvironmentFaultError, match=r"raised OSError.*the best tree so far is in .*run, untested"
+    ):
+        run(config(), tmp_path / "run")
+    history = RunFolder(tmp_path / "run").read_history()
+    assert len(history) == 3
+    assert (
+        read_tree(tmp_path / "run" / "best_tree.json").provenance["train_fitness"] == history[-1].best_fitness
+    )
+
+
 def test_a_finished_run_is_never_overwritten(finished):
     with pytest.raises(ArtefactError, match="holds one already"):
         run(config(), finished[0])
