@@ -88,6 +88,8 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     started = time.perf_counter()
     planned = plan(config)
     console = console or Console(highlight=False)
+    if not is_compiled_before():
+        console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
     route = open_route(planned.spec, config.env.route, config.evaluation.threads, config.env.workers)
     try:
         folder = RunFolder.create(output_dir, config)
@@ -107,8 +109,6 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
             ),
             stream(config.seed, "evolution"),
         )
-        if not is_compiled_before():
-            console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
         evolution.warm_up()
         evolved = _evolve(planned, evolution, folder, console)
         if evolved.stopped_by == "interrupt":
