@@ -106,6 +106,7 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
                 stream(config.seed, "training episodes"),
             ),
             stream(config.seed, "evolution"),
+            config.evaluation.std_penalty,
         )
         if not is_compiled_before():
             console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
