@@ -145,6 +145,19 @@ def test_both_routes_evolve_the_same_tree(tmp_path):
     assert trees[0] == trees[1]
 
 
+def test_penalty_and_parsimony_reach_evolution(finished, tmp_path):
+    run(config(evaluation={"std_penalty": 1.0}), tmp_path / "steady")
+    run(config(ge={"parsimony": "lexicographic", "parsimony_tolerance": 500.0}), tmp_path / "small")
+    plain, steady, small = (
+        RunFolder(path).read_history() for path in (finished[0], tmp_path / "steady", tmp_path / "small")
+    )
+    assert steady[0].median_fitness < plain[0].median_fitness, "the same trees on the same episodes"
+    assert small[0] == replace(
+        plain[0], **{name: getattr(small[0], name) for name in CLOCK_FIELDS & vars(small[0]).keys()}
+    )
+    assert small[-1].mean_fitness < plain[-1].mean_fitness, "with this tolerance nothing but size is selected"
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [({"max_env_steps": 1}, "max_env_steps"), ({"max_seconds": 1e-6}, "max_seconds")],
