@@ -8,13 +8,15 @@
 | `best_tree_full.json` | the champion as its genotype maps to it |
 | `best_tree.txt` | the pruned champion for a person |
 | `refinements.jsonl` | a `RefinementRecord` for each application of PPO |
+| `hall_of_fame.jsonl` | a `HallOfFameRecord` for each number of decision nodes |
+| `hall_of_fame/03.json` | the best tree with 3 decision nodes, pruned; likewise for the other sizes |
 | `summary.json` | the `Summary` |
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from types import TracebackType
@@ -24,13 +26,14 @@ import yaml
 
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError
-from ge_torchrl.records import GenerationRecord, RefinementRecord, Summary
+from ge_torchrl.records import GenerationRecord, HallOfFameRecord, RefinementRecord, Summary
 from ge_torchrl.trees.serialization import TreeDocument, read_tree, write_tree
 
 CONFIG, HISTORY, REFINEMENTS, SUMMARY = "config.yaml", "history.jsonl", "refinements.jsonl", "summary.json"
 BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT = "best_tree.json", "best_tree_full.json", "best_tree.txt"
+HALL_OF_FAME, HALL_OF_FAME_TREES = "hall_of_fame.jsonl", "hall_of_fame"
 
-_Record = TypeVar("_Record", GenerationRecord, RefinementRecord, Summary)
+_Record = TypeVar("_Record", GenerationRecord, RefinementRecord, HallOfFameRecord, Summary)
 
 
 class RunFolder:
@@ -77,6 +80,15 @@ class RunFolder:
         write_tree(self.path / BEST_TREE_FULL, full)
         (self.path / BEST_TREE_TEXT).write_text(text, encoding="utf-8")
 
+    def write_hall_of_fame(self, members: Sequence[tuple[HallOfFameRecord, TreeDocument]]) -> None:
+        """Write the best trees of all sizes, first their files and then the table that names them."""
+        (self.path / HALL_OF_FAME_TREES).mkdir(exist_ok=True)
+        for record, document in members:
+            write_tree(self._hall_of_fame_tree(record.decision_nodes), document)
+        with RecordWriter(self.path / HALL_OF_FAME) as writer:
+            for record, _ in members:
+                writer.write(record)
+
     def write_summary(self, summary: Summary) -> None:
         """Write the summary."""
         text = json.dumps(asdict(summary), indent=2, allow_nan=False)
@@ -110,6 +122,38 @@ class RunFolder:
             ArtefactError: There is no such file, or a line is not a record.
         """
         return _records(RefinementRecord, self.path / REFINEMENTS)
+
+    def read_hall_of_fame(self) -> list[HallOfFameRecord]:
+        """Read the table of the best trees, from small to large; it is empty where the run kept none.
+
+        Raises:
+            ArtefactError: A line is not a record.
+        """
+        path = self.path / HALL_OF_FAME
+        return _records(HallOfFameRecord, path) if path.exists() else []
+
+    def read_hall_of_fame_tree(self, decision_nodes: int) -> TreeDocument:
+        """Read the best tree with so many decision nodes.
+
+        Raises:
+            ArtefactError: The run has no hall of fame, or none of that size in it.
+            InvalidTreeError: The file holds no valid tree.
+        """
+        sizes = [record.decision_nodes for record in self.read_hall_of_fame()]
+        if not sizes:
+            raise ArtefactError(
+                f"{self.path} must hold a hall of fame, as evaluation.hall_of_fame=true makes it, to give a tree "
+                f"with {decision_nodes} decision nodes; it holds none"
+            )
+        if decision_nodes not in sizes:
+            raise ArtefactError(
+                f"the number of decision nodes must be one of {', '.join(map(str, sizes))}, because the hall of fame "
+                f"of {self.path} has these; got {decision_nodes}"
+            )
+        return read_tree(self._hall_of_fame_tree(decision_nodes))
+
+    def _hall_of_fame_tree(self, decision_nodes: int) -> Path:
+        return self.path / HALL_OF_FAME_TREES / f"{decision_nodes:02}.json"
 
     def read_summary(self) -> Summary:
         """Read the summary.
@@ -146,7 +190,7 @@ class RecordWriter:
         if self._file is not None:
             self._file.close()
 
-    def write(self, record: GenerationRecord | RefinementRecord) -> None:
+    def write(self, record: GenerationRecord | RefinementRecord | HallOfFameRecord) -> None:
         """Append one record."""
         if self._file is None:
             raise ValueError("records are written inside a with statement")

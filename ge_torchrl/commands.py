@@ -25,13 +25,19 @@ def evaluate(arguments: list[str]) -> int:
     parser.add_argument(
         "--seed", type=_integer_from(0), default=10000, help="of the first episode; default: 10000"
     )
+    parser.add_argument(
+        "--nodes",
+        metavar="N",
+        type=_integer_from(0),
+        help="take the tree with N decision nodes from the run's hall of fame; default: the champion",
+    )
     parser.add_argument("--route", choices=("auto", "gymnasium", "compiled"), default="auto")
     parser.add_argument("--json", action="store_true", help="print one line of JSON")
     options = parser.parse_args(arguments)
 
     from ge_torchrl import evaluation
 
-    summary = evaluation.evaluate(options.path, options.episodes, options.seed, options.route)
+    summary = evaluation.evaluate(options.path, options.episodes, options.seed, options.route, options.nodes)
     print(json.dumps(summary.as_dict()) if options.json else summary.as_text())
     return OK
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,29 +11,24 @@ from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
 
-from ge_torchrl import __version__
 from ge_torchrl.artefacts import RunFolder
 from ge_torchrl.compilation import is_compiled_before
+from ge_torchrl.conclusion import conclude, save_untested
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.route import Route
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
-from ge_torchrl.errors import EnvironmentFaultError, GrammarError
+from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
-from ge_torchrl.generations import Evolved, GenerationLoop, validation_seeds
+from ge_torchrl.generations import Evolved, GenerationLoop
 from ge_torchrl.records import Summary
-from ge_torchrl.report.closing import closing_text, tree_text
+from ge_torchrl.report.closing import closing_text
 from ge_torchrl.report.progress import Progress
-from ge_torchrl.search.champion import Champion, Contender, choose_champion, contenders_of
 from ge_torchrl.search.evolution import Evolution
 from ge_torchrl.search.fitness import TrainingEpisodes
-from ge_torchrl.seeding import episode_seeds, stream
-from ge_torchrl.trees.complexity import complexity
-from ge_torchrl.trees.decision_tree import DecisionTree
-from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.serialization import TreeDocument
-from ge_torchrl.trees.simplify import simplify_exact
+from ge_torchrl.search.hall_of_fame import HallOfFame, open_hall_of_fame
+from ge_torchrl.seeding import stream
 
 if TYPE_CHECKING:
     from ge_torchrl.search.refinement import Refiner
@@ -108,27 +103,32 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
                 stream(config.seed, "training episodes"),
             ),
             stream(config.seed, "evolution"),
+            config.evaluation.std_penalty,
         )
         evolution.warm_up()
-        evolved = _evolve(planned, evolution, folder, console)
+        hall = open_hall_of_fame(config, route)
+        evolved = _evolve(planned, evolution, hall, folder, console)
         if evolved.stopped_by == "interrupt":
             console.print("Testing what was found; Ctrl-C again leaves it untested in the run folder.")
-        summary, champion = _conclude(planned, evolution, evolved, folder, started)
+        summary, champion, best_by_size = conclude(config, evolution, evolved, hall, folder, started)
     finally:
         route.close()
     console.print()
     shown = folder.path.relative_to(Path.cwd()) if folder.path.is_relative_to(Path.cwd()) else folder.path
-    console.print(closing_text(summary, champion.pruned, planned.spec.labels, shown), soft_wrap=True)
+    told = closing_text(summary, champion.pruned, planned.spec.labels, shown, best_by_size)
+    console.print(told, soft_wrap=True)
     return summary
 
 
-def _evolve(planned: Plan, evolution: Evolution, folder: RunFolder, console: Console) -> Evolved:
+def _evolve(
+    planned: Plan, evolution: Evolution, hall: HallOfFame | None, folder: RunFolder, console: Console
+) -> Evolved:
     """Run the loop over generations with its files and its progress; a fault keeps the best tree so far."""
     config = planned.config
     with ExitStack() as open_files:
         history = open_files.enter_context(folder.history_writer())
         progress = open_files.enter_context(Progress(console, config.ge.generations))
-        loop = GenerationLoop(config, evolution, on_generation=_each(history.write, progress.show))
+        loop = GenerationLoop(config, evolution, _each(history.write, progress.show), hall)
         if config.ppo.enabled:
             refinements = open_files.enter_context(folder.refinements_writer())
             refiner = _make_refiner(config, evolution.route)
@@ -138,7 +138,7 @@ def _evolve(planned: Plan, evolution: Evolution, folder: RunFolder, console: Con
         except EnvironmentFaultError as fault:
             if loop.evolved is None:
                 raise
-            _save_leader(planned, _contenders(planned, evolution, loop.evolved), folder)
+            save_untested(config, evolution, loop.evolved, folder)
             raise EnvironmentFaultError(
                 f"{fault}; the best tree so far is in {folder.path}, untested"
             ) from fault
@@ -157,97 +157,3 @@ def _make_refiner(config: Config, route: Route) -> Refiner:
     from ge_torchrl.search.refinement import Refiner
 
     return Refiner(route, config.ppo, config.seed)
-
-
-def _conclude(
-    planned: Plan, evolution: Evolution, evolved: Evolved, folder: RunFolder, started: float
-) -> tuple[Summary, Champion]:
-    """Choose the champion, prune it, test it on unseen episodes and write what was found."""
-    config, spec, route = planned.config, planned.spec, evolution.route
-    contenders = _contenders(planned, evolution, evolved)
-    # Testing can take long where environments are slow: whatever happens to it, a tree is there.
-    _save_leader(planned, contenders, folder)
-    champion = choose_champion(
-        route, contenders, config.evaluation.champion_candidates, validation_seeds(config)
-    )
-    test_seeds = episode_seeds("test", config.evaluation.test_episodes, stream(config.seed, "test episodes"))
-    tested = route.evaluate(Forest.stack([champion.pruned, champion.full]), test_seeds)
-    returns = tested.returns[0]
-    summary = Summary(
-        environment=spec.id,
-        seed=config.seed,
-        solved=None if spec.solved_at is None else spec.is_solved(float(returns.mean())),
-        train_fitness=champion.train_fitness,
-        validation_mean=champion.validation_mean,
-        test_mean=float(returns.mean()),
-        test_std=float(returns.std()),
-        test_episodes=len(returns),
-        test_mean_full=float(tested.returns[1].mean()),
-        decision_nodes=champion.pruned.n_decision_nodes,
-        depth=champion.pruned.depth,
-        complexity_M=complexity(champion.pruned).M,
-        generations=evolved.last.index + 1,
-        stopped_by=evolved.stopped_by,
-        env_steps=evolved.env_steps,
-        env_steps_total=evolved.env_steps + champion.env_steps + tested.env_steps,
-        refinements=evolved.refinements,
-        refinements_improved=len(evolved.refined),
-        champion_from=champion.origin,
-        evolve_seconds=evolved.seconds,
-        refine_seconds=evolved.refine_seconds,
-        wall_seconds=time.perf_counter() - started,
-        invalid_fraction=evolved.invalid / evolved.born,
-        route=route.name,
-        solved_at=spec.solved_at,
-        version=__version__,
-    )
-    told = {
-        "validation_mean": summary.validation_mean,
-        "test_mean": summary.test_mean,
-        "test_mean_full": summary.test_mean_full,
-    }
-    _write_trees(planned, folder, champion.full, champion.pruned, summary.train_fitness, told)
-    folder.write_summary(summary)
-    return summary, champion
-
-
-def _contenders(planned: Plan, evolution: Evolution, evolved: Evolved) -> list[Contender]:
-    mapping = evolution.map(evolved.last.codons)
-    contenders = [*contenders_of(mapping, evolved.last.fitness), *evolved.refined]
-    if not contenders:
-        config = planned.config
-        raise GrammarError(
-            f"no genotype of {config.ge.genotype_length} codons gave a tree in {evolved.born} tries; "
-            f"the grammar {config.grammar.name} needs a longer one (ge.genotype_length) or wraps (ge.wraps)"
-        )
-    return contenders
-
-
-def _save_leader(planned: Plan, contenders: Sequence[Contender], folder: RunFolder) -> None:
-    """Write the fittest tree as it is, untested, without the splits that no state can reach."""
-    leader = max(contenders, key=lambda contender: contender.fitness)
-    simple = simplify_exact(leader.tree, planned.spec.low, planned.spec.high)
-    _write_trees(planned, folder, leader.tree, simple, leader.fitness, {"test_mean": None})
-
-
-def _write_trees(
-    planned: Plan,
-    folder: RunFolder,
-    full: DecisionTree,
-    pruned: DecisionTree,
-    train_fitness: float,
-    told: Mapping[str, object],
-) -> None:
-    labels = planned.spec.labels
-    origin = {
-        "program": f"ge_torchrl {__version__}",
-        "seed": planned.config.seed,
-        "grammar": planned.config.grammar.name,
-        "train_fitness": train_fitness,
-        **told,
-    }
-    folder.write_trees(
-        TreeDocument(pruned, labels, {**origin, "pruned": True}),
-        TreeDocument(full, labels, {**origin, "pruned": False}),
-        tree_text(pruned, labels),
-    )

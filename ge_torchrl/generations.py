@@ -16,6 +16,7 @@ from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidate
 from ge_torchrl.search.champion import REFINEMENT, Contender
 from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.fitness import measure
+from ge_torchrl.search.hall_of_fame import HallOfFame
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
@@ -66,14 +67,17 @@ class GenerationLoop:
         config: The run's configuration.
         evolution: Makes the generations.
         on_generation: Called with each generation's record.
+        hall_of_fame: Is offered the leaders of each generation and every improved tree; or None.
     """
 
     config: Config
     evolution: Evolution
     on_generation: Callable[[GenerationRecord], None]
+    hall_of_fame: HallOfFame | None = None
     _refiner: Refiner | None = field(default=None, init=False)
     _on_refinement: Callable[[RefinementRecord], None] = field(default=lambda _: None, init=False)
     _evolved: Evolved | None = field(default=None, init=False)
+    _n_offered: int = field(default=0, init=False)
     _started: float = field(default=0.0, init=False)
 
     @property
@@ -101,6 +105,7 @@ class GenerationLoop:
                 observer.observe(generation, evolved.refined)
                 self.on_generation(_record(evolved, observer.decision_nodes))
                 self._evolved = evolved
+                self._offer(generation)
                 reason = (
                     "interrupt"
                     if interrupted
@@ -128,6 +133,14 @@ class GenerationLoop:
             refine_seconds=before.refine_seconds if before else 0.0,
             seconds=time.perf_counter() - self._started,
         )
+
+    def _offer(self, generation: Generation) -> None:
+        """Offer the hall of fame what this generation brought."""
+        if self.hall_of_fame is None or self._evolved is None:
+            return
+        self.hall_of_fame.offer_leaders(generation, self.evolution.map)
+        self.hall_of_fame.offer(self._evolved.refined[self._n_offered :])
+        self._n_offered = len(self._evolved.refined)
 
     def _refine(self, generation: Generation) -> bool:
         """Refine a tree if this generation is due; tell whether Ctrl-C broke it off."""

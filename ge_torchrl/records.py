@@ -107,6 +107,31 @@ class RefinementRecord:
 
 
 @dataclass(frozen=True)
+class HallOfFameRecord:
+    """The best tree of one size.
+
+    Attributes:
+        decision_nodes: Its size, pruned.
+        depth: Its depth.
+        complexity_M: Its complexity by Eq. 4.
+        archive_mean: Mean return on the archive's episodes, which kept it; None for a champion too large for it.
+        validation_mean: Mean return on the validation episodes, which chose it among the trees of its size.
+        test_mean: Mean return on the run's test episodes, which chose nothing.
+        test_std: Standard deviation of these returns.
+        origin: "population", or "refinement" for a refined tree.
+    """
+
+    decision_nodes: int
+    depth: int
+    complexity_M: float  # noqa: N815 (the paper's symbol)
+    archive_mean: float | None
+    validation_mean: float
+    test_mean: float
+    test_std: float
+    origin: str
+
+
+@dataclass(frozen=True)
 class Summary:
     """What a run found; all that a table needs of it.
 
@@ -126,7 +151,7 @@ class Summary:
         generations: Generations run, the first population included.
         stopped_by: "generations", "solved", "max_seconds", "max_env_steps" or "interrupt".
         env_steps: Environment steps of evolution and of refinements.
-        env_steps_total: With validation, pruning and test.
+        env_steps_total: With the hall of fame, validation, pruning and test.
         refinements: Applications of PPO to a tree, skipped ones not counted.
         refinements_improved: Those that made the tree better on the same unseen episodes.
         champion_from: "population", or "refinement" if the champion is a refined tree.

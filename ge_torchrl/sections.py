@@ -99,6 +99,9 @@ class GEConfig:
         replacement: "parent_if_better": an offspring takes its parent's place if it is fitter, as in the thesis;
             "generational": the offspring are the next generation.
         elites: Best individuals that keep their places whatever the offspring are.
+        parsimony: "none": fitness alone decides, as in the thesis; "lexicographic": of individuals that are about
+            equally fit the one with fewer decision nodes is better, in tournaments and in replacement.
+        parsimony_tolerance: Largest difference of the fitness of individuals that are about equally fit.
         stop_when_solved: Whether the run ends with the first champion that solves the task.
         max_seconds: Time after which the run ends early, or None.
         max_env_steps: Environment steps after which the run ends early, or None.
@@ -117,6 +120,8 @@ class GEConfig:
     single_choice_consumes: bool = False
     replacement: str = "parent_if_better"
     elites: int = 0
+    parsimony: str = "none"
+    parsimony_tolerance: float = 0.0
     stop_when_solved: bool = False
     max_seconds: float | None = None
     max_env_steps: int | None = None
@@ -135,6 +140,8 @@ class GEConfig:
         if self.elites >= self.population_size:
             expected = f"less than ge.population_size, {self.population_size}"
             refuse(self, "elites", expected, "a population of elites alone never changes")
+        check_choice(self, "parsimony", ("none", "lexicographic"))
+        check_number(self, "parsimony_tolerance", at_least=0.0)
         check_flag(self, "stop_when_solved")
         check_number(self, "max_seconds", above=0.0, optional=True)
         check_integer(self, "max_env_steps", 1, "a run needs steps to measure fitness", optional=True)
@@ -146,30 +153,46 @@ class EvaluationConfig:
 
     Attributes:
         episodes: Episodes whose mean return is an individual's fitness.
+        std_penalty: Standard deviations of these returns that are subtracted from their mean. Fitness is then lower
+            than the mean return, also where it is held against `env.solved_at` and `env.lowest_fitness_excluded`.
         episode_seeds: "fixed": the same episodes in every generation, as in the thesis' lineage; "fresh": new
             ones in every generation for the offspring, while parents keep their fitness; "common": new ones
             in every generation, on which parents are measured again.
         validation_episodes: Episodes that choose among the champions and prune them.
         champion_candidates: Best individuals that validation chooses from.
         test_episodes: Unseen episodes of the final test.
+        hall_of_fame: Whether the best tree for each number of decision nodes is kept, tested and written.
+        archive_episodes: Episodes of its own that measure what is offered to the hall of fame.
+        archive_keep: Trees of each size that the hall of fame keeps until validation chooses among them.
+        archive_max_nodes: Decision nodes of its largest trees.
         threads: Threads of the compiled route; 0 takes all cores.
     """
 
     SECTION: ClassVar[str] = "evaluation"
 
     episodes: int
+    std_penalty: float = 0.0
     episode_seeds: str = "fixed"
     validation_episodes: int = 100
     champion_candidates: int = 10
     test_episodes: int = 100
+    hall_of_fame: bool = False
+    archive_episodes: int = 200
+    archive_keep: int = 3
+    archive_max_nodes: int = 15
     threads: int = 0
 
     def __post_init__(self) -> None:
         check_integer(self, "episodes", 1, "fitness is a mean over episodes")
+        check_number(self, "std_penalty", at_least=0.0)
         check_choice(self, "episode_seeds", ("fixed", "fresh", "common"))
         check_integer(self, "validation_episodes", 1, "validation is a mean over episodes")
         check_integer(self, "champion_candidates", 1, "a run ends with one champion")
         check_integer(self, "test_episodes", 1, "the test is a mean over episodes")
+        check_flag(self, "hall_of_fame")
+        check_integer(self, "archive_episodes", 1, "trees are kept by a mean over episodes")
+        check_integer(self, "archive_keep", 1, "the hall of fame has a tree of each size")
+        check_integer(self, "archive_max_nodes", 0, "a lone leaf has no decision node")
         check_integer(self, "threads", 0, "it counts threads; 0 takes all cores")
 
 

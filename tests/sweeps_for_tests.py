@@ -8,7 +8,7 @@ from records_for_tests import summary
 
 from ge_torchrl.artefacts import RunFolder
 from ge_torchrl.config import Config
-from ge_torchrl.records import GenerationRecord, RefinementRecord
+from ge_torchrl.records import GenerationRecord, HallOfFameRecord, RefinementRecord
 from ge_torchrl.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig, PPOConfig
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.labels import TreeLabels
@@ -95,7 +95,22 @@ def skipped(number=40):
     return refinement(number, outcome="skipped", redraws=20, new_best=False, **nothing)
 
 
-def write_run(path, *, seed=0, ppo="none", generations=None, refinements=(), **changes):
+def honoured(decision_nodes, test_mean, *, validation_mean=None, **changes):
+    """The best tree of one size."""
+    values = {
+        "decision_nodes": decision_nodes,
+        "depth": decision_nodes,
+        "complexity_M": 17.8 * decision_nodes,
+        "archive_mean": test_mean,
+        "validation_mean": test_mean if validation_mean is None else validation_mean,
+        "test_mean": test_mean,
+        "test_std": 1.5,
+        "origin": "population",
+    }
+    return HallOfFameRecord(**{**values, **changes})
+
+
+def write_run(path, *, seed=0, ppo="none", generations=None, refinements=(), hall_of_fame=(), **changes):
     """Write a finished run; `changes` are of its summary."""
     generations = history([100.0, 500.0]) if generations is None else generations
     found = summary(seed=seed, generations=len(generations), **changes)
@@ -110,5 +125,7 @@ def write_run(path, *, seed=0, ppo="none", generations=None, refinements=(), **c
                 writer.write(record)
     labels = replace(CARTPOLE, environment=found.environment)
     folder.write_trees(TreeDocument(PRUNED, labels), TreeDocument(FULL, labels), "a tree\n")
+    if hall_of_fame:
+        folder.write_hall_of_fame([(record, TreeDocument(PRUNED, labels)) for record in hall_of_fame])
     folder.write_summary(found)
     return path

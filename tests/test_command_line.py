@@ -37,8 +37,8 @@ class FakeExperiment(types.ModuleType):
         if config.env.id.startswith("Missing"):
             raise EnvironmentFaultError(f"env.id must be an installed one; got {config.env.id}")
 
-    def evaluate(self, path, episodes, seed, route):
-        self.evaluated.append((path, episodes, seed, route))
+    def evaluate(self, path, episodes, seed, route, nodes):
+        self.evaluated.append((path, episodes, seed, route, nodes))
         if path.name == "missing":
             raise ArtefactError("missing must be a tree's file; got none")
         return types.SimpleNamespace(as_dict=lambda: {"mean": 499.5}, as_text=lambda: "mean return 499.5")
@@ -177,6 +177,7 @@ def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experim
         ),
         (["evaluate", "tree", "--seed", "x"], "argument --seed: must be an integer of at least 0; got x"),
         (["evaluate", "tree", "--route", "x"], "argument --route: invalid choice: 'x'"),
+        (["evaluate", "run", "--nodes", "-1"], "argument --nodes: must be an integer of at least 0; got -1"),
         (["evaluate", "tree", "--foo"], "unrecognized arguments: --foo"),
         (["evaluate", "missing"], "missing must be a tree's file; got none"),
     ],
@@ -243,9 +244,11 @@ def test_evaluate_measures_a_tree(experiment, capsys):
     assert capsys.readouterr().out == "mean return 499.5\n"
     assert main(["evaluate", "t", "--episodes", "5", "--seed", "1", "--route", "compiled", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"mean": 499.5}
+    assert main(["evaluate", "run", "--nodes", "3"]) == 0
     assert experiment.evaluated == [
-        (Path("runs/tree.json"), 1000, 10000, "auto"),
-        (Path("t"), 5, 1, "compiled"),
+        (Path("runs/tree.json"), 1000, 10000, "auto", None),
+        (Path("t"), 5, 1, "compiled", None),
+        (Path("run"), 1000, 10000, "auto", 3),
     ]
 
 

@@ -12,7 +12,7 @@ import yaml
 from environments_for_tests import CountdownEnv, RaisingEnv
 from rich.console import Console
 
-from ge_torchrl import experiment
+from ge_torchrl import conclusion, experiment
 from ge_torchrl.artefacts import RunFolder, find_runs
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
@@ -145,6 +145,19 @@ def test_both_routes_evolve_the_same_tree(tmp_path):
     assert trees[0] == trees[1]
 
 
+def test_penalty_and_parsimony_reach_evolution(finished, tmp_path):
+    run(config(evaluation={"std_penalty": 1.0}), tmp_path / "steady")
+    run(config(ge={"parsimony": "lexicographic", "parsimony_tolerance": 500.0}), tmp_path / "small")
+    plain, steady, small = (
+        RunFolder(path).read_history() for path in (finished[0], tmp_path / "steady", tmp_path / "small")
+    )
+    assert steady[0].median_fitness < plain[0].median_fitness, "the same trees on the same episodes"
+    assert small[0] == replace(
+        plain[0], **{name: getattr(small[0], name) for name in CLOCK_FIELDS & vars(small[0]).keys()}
+    )
+    assert small[-1].mean_fitness < plain[-1].mean_fitness, "with this tolerance nothing but size is selected"
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [({"max_env_steps": 1}, "max_env_steps"), ({"max_seconds": 1e-6}, "max_seconds")],
@@ -183,7 +196,7 @@ def test_a_second_ctrl_c_leaves_the_best_tree_untested(tmp_path, monkeypatch):
     def impatient(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(experiment, "choose_champion", impatient)
+    monkeypatch.setattr(conclusion, "choose_champion", impatient)
     with pytest.raises(KeyboardInterrupt):
         run(config(), tmp_path / "run")
     document = read_tree(tmp_path / "run" / "best_tree.json")
@@ -324,3 +337,70 @@ class TestWithPPO:
         with_ppo, without = (RunFolder(tmp_path / name).read_history() for name in ("with", "without"))
         assert [r.best_fitness for r in with_ppo] == [r.best_fitness for r in without]
         assert not (tmp_path / "without" / "refinements.jsonl").exists()
+
+
+HALL = {"hall_of_fame": True, "archive_episodes": 20, "archive_max_nodes": 6}
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hall") / "run"
+    return folder, *run(config(evaluation=HALL), folder)
+
+
+class TestHallOfFame:
+    def test_table_and_trees_tell_the_truth(self, kept):
+        folder, _, _ = kept
+        records = RunFolder(folder).read_hall_of_fame()
+        sizes = [record.decision_nodes for record in records]
+        assert sizes == sorted(set(sizes))
+        assert {path.name for path in (folder / "hall_of_fame").iterdir()} == {f"{n:02}.json" for n in sizes}
+        trees = [RunFolder(folder).read_hall_of_fame_tree(size).tree for size in sizes]
+        route = open_route(describe("CartPole-v1"))
+        outcomes = route.evaluate(Forest.stack(trees), episode_seeds("test", 20, stream(0, "test episodes")))
+        route.close()
+        for record, tree, returns in zip(records, trees, outcomes.returns, strict=True):
+            assert (record.decision_nodes, record.depth) == (tree.n_decision_nodes, tree.depth)
+            assert (record.test_mean, record.test_std) == (returns.mean(), returns.std())
+
+    def test_the_champion_is_the_best_of_its_size_and_nobody_was_better_in_validation(self, kept):
+        folder, summary, output = kept
+        records = RunFolder(folder).read_hall_of_fame()
+        (mine,) = [record for record in records if record.decision_nodes == summary.decision_nodes]
+        assert (mine.test_mean, mine.validation_mean) == (summary.test_mean, summary.validation_mean)
+        assert summary.validation_mean == max(record.validation_mean for record in records)
+        assert (
+            RunFolder(folder).read_hall_of_fame_tree(mine.decision_nodes).tree
+            == RunFolder(folder).read_tree().tree
+        )
+        assert output.count("<- the champion") == 1
+        assert re.search(
+            rf"^ +{mine.decision_nodes}  .*{mine.test_mean:.2f} ± .*<- the champion", output, re.MULTILINE
+        )
+
+    def test_evolution_is_the_same_with_and_without(self, kept, finished):
+        assert without_clock(kept[0] / "history.jsonl") == without_clock(finished[0] / "history.jsonl")
+        assert kept[1].env_steps_total > finished[1].env_steps_total
+        assert kept[1].validation_mean >= finished[1].validation_mean
+
+    def test_the_same_bytes_on_two_threads(self, kept, tmp_path):
+        run(config(evaluation={**HALL, "threads": 2}), tmp_path / "two")
+        for path in [*(kept[0] / "hall_of_fame").iterdir(), kept[0] / "hall_of_fame.jsonl"]:
+            assert path.read_bytes() == (tmp_path / "two" / path.relative_to(kept[0])).read_bytes()
+
+    def test_evaluate_takes_a_tree_by_its_size(self, kept):
+        folder, summary, _ = kept
+        size = RunFolder(folder).read_hall_of_fame()[0].decision_nodes
+        assert evaluate(folder, 10, 0, nodes=size).decision_nodes == size
+        assert evaluate(folder, 10, 0, nodes=summary.decision_nodes) == evaluate(folder, 10, 0)
+        file = folder / "hall_of_fame" / f"{size:02}.json"
+        assert evaluate(file, 10, 0) == evaluate(folder, 10, 0, nodes=size)
+
+    def test_a_size_that_is_not_there_is_answered_with_those_that_are(self, kept, finished):
+        sizes = ", ".join(str(record.decision_nodes) for record in RunFolder(kept[0]).read_hall_of_fame())
+        with pytest.raises(ArtefactError, match=rf"one of {sizes}, because .*; got 99"):
+            evaluate(kept[0], 1, 0, nodes=99)
+        with pytest.raises(ArtefactError, match=r"evaluation\.hall_of_fame=true"):
+            evaluate(finished[0], 1, 0, nodes=3)
+        with pytest.raises(ArtefactError, match="expected a run's folder"):
+            evaluate(finished[0] / "best_tree.json", 1, 0, nodes=3)

@@ -3,6 +3,7 @@
 import itertools
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from ge_torchrl.config import Config
@@ -10,8 +11,10 @@ from ge_torchrl.environments.choose import open_route
 from ge_torchrl.experiment import plan
 from ge_torchrl.generations import GenerationLoop
 from ge_torchrl.rl.ppo import TrainingRecord
+from ge_torchrl.search.champion import REFINEMENT
 from ge_torchrl.search.evolution import Evolution
 from ge_torchrl.search.fitness import TrainingEpisodes
+from ge_torchrl.search.hall_of_fame import open_hall_of_fame
 from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.decision_tree import DecisionTree
@@ -82,16 +85,19 @@ class ScriptedRefiner:
 def run():
     routes = []
 
-    def run(configured, script):
+    def run(configured, script, hall=False):
         planned = plan(configured)
         routes.append(open_route(planned.spec, threads=1))
         episodes = TrainingEpisodes("fixed", 3, stream(0, "training episodes"))
         evolution = Evolution(configured.ge, planned.tables, routes[-1], episodes, stream(0, "evolution"))
         generations, refinements = [], []
         loop = GenerationLoop(configured, evolution, generations.append)
+        if hall:
+            loop.hall_of_fame = open_hall_of_fame(configured, routes[-1])
         refiner = ScriptedRefiner(script)
         loop.refine_with(refiner, refinements.append)
-        return loop.run(), generations, refinements, refiner
+        evolved = loop.run()
+        return (evolved, loop.hall_of_fame) if hall else (evolved, generations, refinements, refiner)
 
     yield run
     for route in routes:
@@ -162,3 +168,17 @@ def test_a_refined_tree_stops_the_run_if_validation_agrees_that_it_solves(run, r
     )
     evolved, *_ = run(stopping, [(IMPROVED, 500.0, refined)])
     assert evolved.stopped_by == stopped_by
+
+
+def test_the_hall_of_fame_is_offered_the_leaders_and_the_improved_trees_alone(run):
+    values = config().as_mapping()
+    keeping = Config.from_mapping(
+        {**values, "evaluation": {**values["evaluation"], "hall_of_fame": True, "archive_episodes": 20}}
+    )
+    script = [(IMPROVED, 450.0, GOOD), (NOT_IMPROVED, 10.0, DecisionTree.leaf(1)), (FAILED, 20.0)]
+    evolved, hall = run(keeping, script, hall=True)
+    refined = [member for member in hall.members if member.origin == REFINEMENT]
+    assert [(member.tree, member.fitness) for member in refined] == [(GOOD, 450.0)]
+    # Of each size of the last generation the fittest was measured.
+    for size in np.unique(evolved.last.decision_nodes[np.isfinite(evolved.last.fitness)]):
+        assert any(member.tree.n_decision_nodes == size for member in hall.members)

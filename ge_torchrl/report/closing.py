@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from ge_torchrl.records import Summary
+from ge_torchrl.records import HallOfFameRecord, Summary
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.labels import TreeLabels
 from ge_torchrl.trees.rendering import render_rules, render_text
@@ -69,7 +69,13 @@ def tree_text(tree: DecisionTree, labels: TreeLabels) -> str:
     return f"{render_text(tree, labels)}\n\n{render_rules(tree, labels)}\n"
 
 
-def closing_text(summary: Summary, tree: DecisionTree, labels: TreeLabels, folder: Path) -> str:
+def closing_text(
+    summary: Summary,
+    tree: DecisionTree,
+    labels: TreeLabels,
+    folder: Path,
+    hall_of_fame: Sequence[HallOfFameRecord] = (),
+) -> str:
     """Return the closing summary of a run.
 
     Args:
@@ -77,6 +83,7 @@ def closing_text(summary: Summary, tree: DecisionTree, labels: TreeLabels, folde
         tree: The pruned champion.
         labels: Names of features and actions.
         folder: The run folder.
+        hall_of_fame: The best tree of each size; empty where the run kept none.
     """
     nodes = "1 decision node" if summary.decision_nodes == 1 else f"{summary.decision_nodes} decision nodes"
     rows = [
@@ -105,4 +112,16 @@ def closing_text(summary: Summary, tree: DecisionTree, labels: TreeLabels, folde
     if summary.stopped_by != "generations":
         rows.insert(0, ("stopped by", summary.stopped_by))
     table = "\n".join(f"{name:<11} {text}" for name, text in rows)
-    return f"{render_text(tree, labels)}\n\n{table}"
+    best_by_size = f"{_best_by_size(hall_of_fame, summary)}\n\n" if hall_of_fame else ""
+    return f"{render_text(tree, labels)}\n\n{best_by_size}{table}"
+
+
+def _best_by_size(records: Sequence[HallOfFameRecord], summary: Summary) -> str:
+    """Return the hall of fame as a table; the champion is the best tree of its own size."""
+    lines = ["decision nodes         test mean ± sd"]
+    for record in records:
+        is_champion = record.decision_nodes == summary.decision_nodes
+        mark = "  <- the champion" if is_champion else ""
+        test = f"{record.test_mean:.2f} ± {record.test_std:.2f}"
+        lines.append(f"{record.decision_nodes:>14}  {test:>21}{mark}")
+    return "\n".join(lines)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ge_torchrl.artefacts import BEST_TREE_FULL, HISTORY, RunFolder, find_runs
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, UserError
-from ge_torchrl.records import GenerationRecord, RefinementRecord, Summary
+from ge_torchrl.records import GenerationRecord, HallOfFameRecord, RefinementRecord, Summary
 from ge_torchrl.report.statistics import SolvingTime, solving_time
 from ge_torchrl.trees.serialization import TreeDocument, read_tree
 
@@ -29,6 +29,7 @@ class Run:
         refinements: Its applications of PPO, skipped ones included; none in a run of GE alone.
         pruned: The champion.
         full: The champion as its genotype maps to it.
+        hall_of_fame: Its best tree of each size, from small to large; none where it kept no hall of fame.
     """
 
     path: Path
@@ -38,6 +39,7 @@ class Run:
     refinements: tuple[RefinementRecord, ...]
     pruned: TreeDocument
     full: TreeDocument
+    hall_of_fame: tuple[HallOfFameRecord, ...] = ()
 
     @property
     def method(self) -> str:
@@ -135,6 +137,7 @@ def read_run(path: Path) -> Run:
         refinements=tuple(folder.read_refinements()) if config.ppo.enabled else (),
         pruned=folder.read_tree(),
         full=read_tree(path / BEST_TREE_FULL),
+        hall_of_fame=tuple(folder.read_hall_of_fame()),
     )
 
 

@@ -15,6 +15,7 @@ from ge_torchrl.report.canvas import save_figure
 from ge_torchrl.report.drawing import save_tree
 from ge_torchrl.report.figures import convergence_figure, pairs_figure, solving_figure
 from ge_torchrl.report.findings import comparison_text, method_text, overview_table, refinements_text
+from ge_torchrl.report.hall_of_fame import hall_of_fame_table, size_figure
 from ge_torchrl.report.runs import GE_PPO, FoundRuns, Pair, Run, pair_by_seed, read_runs
 
 REPORT = "report.md"
@@ -133,6 +134,7 @@ def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Ite
     if pairs and solved_at is not None:
         comparison = comparison_text(pairs, solved_at, rng)
         yield f"### {environment}: generations to solve, with PPO and without\n\n{comparison}"
+    yield from _halls_of_fame(methods, output / "figures" / _slug(f"{environment}-sizes"))
     yield from _figures(methods, pairs, output / "figures" / _slug(environment), rng)
     for method, members in methods.items():
         yield _best_tree(method, best_run(members), output / "trees" / _slug(f"{environment} {method}"))
@@ -167,6 +169,27 @@ def _figures(
         save_figure(figure, stem.with_name(f"{stem.name}-pairs"))[0],
         "Single runs",
         f"Single runs: GE+PPO solid, GE alone dotted, rings where PPO was applied.{chosen}",
+    )
+
+
+def _halls_of_fame(methods: dict[str, list[Run]], path: Path) -> Iterator[str]:
+    keeping = {
+        method: kept for method, runs in methods.items() if (kept := [r for r in runs if r.hall_of_fame])
+    }
+    if not keeping:
+        return
+    first = next(iter(keeping.values()))[0]
+    for method, runs in keeping.items():
+        yield (
+            f"### {first.environment}: the best trees of each size, {method}\n\n{hall_of_fame_table(runs)}\n\n"
+            "Each tree was chosen by validation; the column before the last is the test mean of the one that did best "
+            "there, of all runs."
+        )
+    figure = size_figure(keeping, title=first.environment, solved_at=first.summary.solved_at)
+    yield _image(
+        save_figure(figure, path)[0],
+        "Test mean against size",
+        "Test mean of each run's best tree of each size, and the median over runs.",
     )
 
 

@@ -64,7 +64,11 @@ def contenders_of(mapping: Mapping, fitness: Fitness) -> list[Contender]:
 
 
 def choose_champion(
-    route: Route, contenders: Sequence[Contender], n_candidates: int, validation_seeds: NDArray[np.int64]
+    route: Route,
+    contenders: Sequence[Contender],
+    n_candidates: int,
+    validation_seeds: NDArray[np.int64],
+    hall_of_fame: Sequence[Contender] = (),
 ) -> Champion:
     """Choose among the fittest trees by testing them again, on many episodes that none was selected on.
 
@@ -76,11 +80,14 @@ def choose_champion(
         contenders: At least one; of equally fit ones the first leads.
         n_candidates: How many trees that act differently are tested again.
         validation_seeds: [E] episode seeds used for nothing else.
+        hall_of_fame: Trees that are tested again whatever their fitness: they were measured well before.
 
     Returns:
         The champion, pruned on the same episodes.
     """
     leaders = _leaders(route, contenders, n_candidates)
+    for contender in hall_of_fame:
+        leaders.setdefault(contender.tree, contender)
     simple = list(leaders)
     validated = measure(route, Forest.stack(simple), validation_seeds)
     rank = min(range(len(simple)), key=lambda c: (-validated.fitness[c], simple[c].n_decision_nodes, c))

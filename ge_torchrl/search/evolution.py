@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,14 @@ from ge_torchrl.environments.route import Route
 from ge_torchrl.ge.codons import Codons
 from ge_torchrl.ge.mapping import Mapping, map_population
 from ge_torchrl.ge.operators import crossover_one_point, mutate_uniform, random_population
+from ge_torchrl.ge.parsimony import elite_lean, replace_parents_lean, tournament_lean
 from ge_torchrl.ge.rule_tables import RuleTables
 from ge_torchrl.ge.selection import elite, replace_parents, tournament
-from ge_torchrl.search.fitness import Fitness, TrainingEpisodes, measure
+from ge_torchrl.search.fitness import Fitness, Measurement, TrainingEpisodes, measure
 from ge_torchrl.sections import GEConfig
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.simplify import simplify_forest
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,7 @@ class Generation:
         index: 0 for the random first population.
         codons: [P, K] int32, the population after replacement.
         fitness: [P] float64, as each individual was last measured.
+        decision_nodes: [P] int64, of each individual's tree without what no state can reach; 0 where there is none.
         n_born: Individuals made in this generation.
         n_invalid: Those of them without a tree.
         env_steps: Environment steps of this generation.
@@ -39,6 +42,7 @@ class Generation:
     index: int
     codons: Codons
     fitness: Fitness
+    decision_nodes: NDArray[np.int64]
     n_born: int
     n_invalid: int
     env_steps: int
@@ -61,6 +65,7 @@ class Evolution:
         route: Runs trees.
         episodes: The training episodes of each generation.
         rng: Stream of the first population, selection and variation.
+        std_penalty: As `measure` takes it.
     """
 
     settings: GEConfig
@@ -68,6 +73,7 @@ class Evolution:
     route: Route
     episodes: TrainingEpisodes
     rng: np.random.Generator
+    std_penalty: float = 0.0
 
     def generations(self) -> Iterator[Generation]:
         """Yield generation after generation, without end; the caller decides when to stop."""
@@ -81,43 +87,73 @@ class Evolution:
         """Load or compile every kernel, so that a clock started afterwards measures evolution."""
         codons = np.zeros((1, self.settings.genotype_length), np.int32)
         self.map(mutate_uniform(codons, np.zeros(1, np.int64), 0.5, 1.0, np.random.default_rng(0)))
-        self.route.evaluate(Forest.stack([DecisionTree.leaf(0)]), np.zeros(1, np.int64))
+        leaf = Forest.stack([DecisionTree.leaf(0)])
+        self._decision_nodes(leaf)
+        self.route.evaluate(leaf, np.zeros(1, np.int64))
 
     def map(self, codons: Codons) -> Mapping:
         """Map genotypes [P, K] to their trees."""
         return map_population(codons, self.tables, self.settings.wraps)
 
+    def _decision_nodes(self, forest: Forest) -> NDArray[np.int64]:
+        # A tree has one leaf more than decision nodes.
+        return simplify_forest(forest, self.route.spec.low, self.route.spec.high).sizes // 2
+
+    def _measure(self, forest: Forest, seeds: NDArray[np.int64]) -> Measurement:
+        return measure(self.route, forest, seeds, self.std_penalty)
+
     def _first(self) -> Generation:
         clock = _Clock()
         codons = random_population(self.settings.population_size, self.settings.genotype_length, self.rng)
         mapping = self.map(codons)
+        sizes = self._decision_nodes(mapping.forest)
         clock.variation_ends()
-        measured = measure(self.route, mapping.forest, self.episodes.next_generation())
+        measured = self._measure(mapping.forest, self.episodes.next_generation())
         clock.evaluation_ends()
+        invalid = _n_invalid(mapping)
         return Generation(
-            0, codons, measured.fitness, len(codons), _n_invalid(mapping), measured.env_steps, *clock.seconds
+            0, codons, measured.fitness, sizes, len(codons), invalid, measured.env_steps, *clock.seconds
         )
 
     def _next(self, current: Generation) -> Generation:
         clock = _Clock()
-        parents = tournament(
-            current.fitness, self.settings.population_size, self.settings.tournament_size, self.rng
-        )
+        old = _Individuals(current.codons, current.fitness, current.decision_nodes)
+        parents = self._select(old)
         offspring = self._vary(current.codons, parents)
         mapping = self.map(offspring)
+        sizes = self._decision_nodes(mapping.forest)
         old_forest = self.map(current.codons).forest if self.episodes.remeasures_parents else None
         clock.variation_ends()
         seeds = self.episodes.next_generation()
-        measured = measure(self.route, mapping.forest, seeds)
-        env_steps, fitness = measured.env_steps, current.fitness
+        measured = self._measure(mapping.forest, seeds)
+        env_steps = measured.env_steps
         if old_forest is not None:
-            remeasured = measure(self.route, old_forest, seeds)
-            env_steps, fitness = env_steps + remeasured.env_steps, remeasured.fitness
+            remeasured = self._measure(old_forest, seeds)
+            env_steps += remeasured.env_steps
+            old = replace(old, fitness=remeasured.fitness)
         clock.evaluation_ends()
-        codons, fitness = self._replace(current.codons, fitness, offspring, measured.fitness, parents)
+        now = self._replace(old, _Individuals(offspring, measured.fitness, sizes), parents)
         clock.variation_ends()
         return Generation(
-            current.index + 1, codons, fitness, len(offspring), _n_invalid(mapping), env_steps, *clock.seconds
+            index=current.index + 1,
+            codons=now.codons,
+            fitness=now.fitness,
+            decision_nodes=now.decision_nodes,
+            n_born=len(offspring),
+            n_invalid=_n_invalid(mapping),
+            env_steps=env_steps,
+            evaluation_seconds=clock.seconds[0],
+            variation_seconds=clock.seconds[1],
+        )
+
+    def _select(self, old: _Individuals) -> NDArray[np.int64]:
+        settings = self.settings
+        size = settings.tournament_size
+        if settings.parsimony == "none":
+            return tournament(old.fitness, settings.population_size, size, self.rng)
+        tolerance = settings.parsimony_tolerance
+        return tournament_lean(
+            old.fitness, old.decision_nodes, tolerance, settings.population_size, size, self.rng
         )
 
     def _vary(self, codons: Codons, parents: NDArray[np.int64]) -> Codons:
@@ -129,30 +165,52 @@ class Evolution:
             codons, parents, settings.gene_probability, settings.mutation_probability, self.rng
         )
 
-    def _replace(
-        self,
-        codons: Codons,
-        fitness: Fitness,
-        offspring: Codons,
-        offspring_fitness: Fitness,
-        parents: NDArray[np.int64],
-    ) -> tuple[Codons, Fitness]:
-        kept = elite(fitness, self.settings.elites)
+    def _replace(self, old: _Individuals, new: _Individuals, parents: NDArray[np.int64]) -> _Individuals:
+        kept = self._elite(old, self.settings.elites)
         if self.settings.replacement == "generational":
-            survivors = elite(offspring_fitness, len(codons) - len(kept))
-            return (
-                np.concatenate([codons[kept], offspring[survivors]]),
-                np.concatenate([fitness[kept], offspring_fitness[survivors]]),
+            return old.take(kept).followed_by(new.take(self._elite(new, len(old.codons) - len(kept))))
+        if self.settings.parsimony == "none":
+            slots, winners = replace_parents(old.fitness, new.fitness, parents)
+        else:
+            slots, winners = replace_parents_lean(
+                (old.fitness, old.decision_nodes),
+                (new.fitness, new.decision_nodes),
+                self.settings.parsimony_tolerance,
+                parents,
             )
-        slots, winners = replace_parents(fitness, offspring_fitness, parents)
         free = ~np.isin(slots, kept)
-        slots, winners = slots[free], winners[free]
+        return old.with_places_taken(slots[free], new.take(winners[free]))
+
+    def _elite(self, individuals: _Individuals, n: int) -> NDArray[np.int64]:
+        if self.settings.parsimony == "none":
+            return elite(individuals.fitness, n)
+        return elite_lean(individuals.fitness, individuals.decision_nodes, n)
+
+
+@dataclass(frozen=True, eq=False)
+class _Individuals:
+    """What selection and replacement move about; attributes as in `Generation`."""
+
+    codons: Codons
+    fitness: Fitness
+    decision_nodes: NDArray[np.int64]
+
+    def take(self, index: NDArray[np.int64]) -> _Individuals:
+        return _Individuals(self.codons[index], self.fitness[index], self.decision_nodes[index])
+
+    def followed_by(self, other: _Individuals) -> _Individuals:
+        return _Individuals(
+            np.concatenate([self.codons, other.codons]),
+            np.concatenate([self.fitness, other.fitness]),
+            np.concatenate([self.decision_nodes, other.decision_nodes]),
+        )
+
+    def with_places_taken(self, slots: NDArray[np.int64], by: _Individuals) -> _Individuals:
         if len(slots) == 0:
-            return codons, fitness
-        new_codons, new_fitness = codons.copy(), fitness.copy()
-        new_codons[slots] = offspring[winners]
-        new_fitness[slots] = offspring_fitness[winners]
-        return new_codons, new_fitness
+            return self
+        codons, fitness, sizes = self.codons.copy(), self.fitness.copy(), self.decision_nodes.copy()
+        codons[slots], fitness[slots], sizes[slots] = by.codons, by.fitness, by.decision_nodes
+        return _Individuals(codons, fitness, sizes)
 
 
 def _n_invalid(mapping: Mapping) -> int:

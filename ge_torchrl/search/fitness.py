@@ -1,4 +1,4 @@
-"""Fitness: the mean return over a generation's training episodes."""
+"""Fitness: the mean return over a generation's training episodes, less a penalty on its spread where asked for."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Measurement:
     """Fitness of a forest, and what measuring it took.
 
     Attributes:
-        fitness: [P] float64, mean returns; WORST_FITNESS where there is no tree.
+        fitness: [P] float64; WORST_FITNESS where there is no tree.
         env_steps: Environment steps taken.
     """
 
@@ -29,11 +29,26 @@ class Measurement:
     env_steps: int
 
 
-def measure(route: Route, forest: Forest, seeds: NDArray[np.int64]) -> Measurement:
-    """Measure the fitness of every tree: the mean of its returns over the episodes `seeds` [E]."""
+def measure(route: Route, forest: Forest, seeds: NDArray[np.int64], std_penalty: float = 0.0) -> Measurement:
+    """Measure the fitness of every tree on the same episodes.
+
+    With the returns R_1 ... R_E of a tree and the penalty k, its fitness is
+
+        mean(R) - k * std(R),  std(R) = sqrt(sum((R_e - mean(R))^2) / E),
+
+    so that of two trees with equal means the steadier one is fitter. With k = 0 it is the mean return.
+
+    Args:
+        route: Runs the trees.
+        forest: `P` trees, some of them possibly missing.
+        seeds: [E] episode seeds.
+        std_penalty: k, at least 0.
+    """
     outcomes = route.evaluate(forest, seeds)
-    fitness = np.where(forest.sizes > 0, outcomes.returns.mean(axis=1), WORST_FITNESS)
-    return Measurement(fitness, outcomes.env_steps)
+    fitness = outcomes.returns.mean(axis=1)
+    if std_penalty > 0:
+        fitness = fitness - std_penalty * outcomes.returns.std(axis=1)
+    return Measurement(np.where(forest.sizes > 0, fitness, WORST_FITNESS), outcomes.env_steps)
 
 
 class TrainingEpisodes:

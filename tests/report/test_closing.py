@@ -1,6 +1,7 @@
 from pathlib import Path
 
 from records_for_tests import summary
+from sweeps_for_tests import honoured
 
 from ge_torchrl.report.closing import EvaluationSummary, closing_text, verdict
 from ge_torchrl.trees.decision_tree import DecisionTree
@@ -32,6 +33,21 @@ def test_closing_summary_in_full():
         "effort      200 generations, 6,026,646 steps of the environment in 0.2 s of evolution, 0.5 s in all\n"
         "run folder  out/run"
     )
+
+
+def test_the_hall_of_fame_stands_between_with_a_mark_at_the_champion():
+    hall = [honoured(1, 199.2, test_std=30.0), honoured(2, 499.98), honoured(11, 500.0, test_std=0.0)]
+    text = closing_text(summary(decision_nodes=2), leaf(0), LABELS, Path("run"), hall)
+    assert text.splitlines()[:8] == [
+        "always left",
+        "",
+        "decision nodes         test mean ± sd",
+        "             1         199.20 ± 30.00",
+        "             2          499.98 ± 1.50  <- the champion",
+        "            11          500.00 ± 0.00",
+        "",
+        "training    500.00  the champion's fitness on its training episodes",
+    ]
 
 
 def test_an_early_end_is_told_first():

@@ -13,6 +13,7 @@ from ge_torchrl.search.evolution import Evolution
 from ge_torchrl.search.fitness import WORST_FITNESS, TrainingEpisodes, measure
 from ge_torchrl.sections import GEConfig
 from ge_torchrl.seeding import stream
+from ge_torchrl.trees.simplify import simplify_exact
 
 GRAMMAR = """
 <if>        ::= if <condition> then <action> else <action>
@@ -134,3 +135,41 @@ def test_elites_keep_their_places(route):
     for before, after in itertools.pairwise(generations):
         best = np.argsort(-before.fitness, kind="stable")[:5]
         np.testing.assert_array_equal(after.codons[best], before.codons[best])
+
+
+def test_sizes_are_those_of_the_simplified_trees(route):
+    evolved = evolution(route)
+    last = take(evolved, 5)[-1]
+    forest = evolved.map(last.codons).forest
+    sizes = [
+        simplify_exact(forest.tree(p), route.spec.low, route.spec.high).n_decision_nodes
+        if forest.sizes[p]
+        else 0
+        for p in range(len(forest))
+    ]
+    assert last.decision_nodes.tolist() == sizes
+
+
+def test_parsimony_shrinks_trees_where_fitness_has_no_preference(route):
+    # A tolerance beyond every difference of returns leaves nothing but size to select by.
+    first, *_, last = take(evolution(route, parsimony="lexicographic", parsimony_tolerance=1000.0), 20)
+    valid = np.isfinite(first.fitness)
+    assert (last.decision_nodes[valid] <= first.decision_nodes[valid]).all()
+    assert last.decision_nodes.mean() < 1 < take(evolution(route), 20)[-1].decision_nodes.mean()
+
+
+def test_lexicographic_parsimony_never_gives_fitness_for_size(route):
+    generations = take(evolution(route, parsimony="lexicographic"), 8)
+    for before, after in itertools.pairwise(generations):
+        assert (after.fitness >= before.fitness).all()
+        equal = after.fitness == before.fitness
+        assert (after.decision_nodes[equal] <= before.decision_nodes[equal]).all()
+
+
+def test_a_penalty_on_the_spread_is_in_the_fitness_of_every_generation(route):
+    evolved = replace(evolution(route), std_penalty=1.0)
+    last = take(evolved, 4)[-1]
+    outcomes = route.evaluate(evolved.map(last.codons).forest, evolved.episodes.next_generation())
+    valid = np.isfinite(last.fitness)
+    expected = outcomes.returns.mean(axis=1) - outcomes.returns.std(axis=1)
+    np.testing.assert_allclose(last.fitness[valid], expected[valid])

@@ -42,3 +42,17 @@ def test_training_episodes_of_the_three_modes(mode, same, remeasures):
     assert len(first) == len(second) == 5
     assert np.array_equal(first, second) == same
     assert episodes.remeasures_parents == remeasures
+
+
+def test_a_penalty_on_the_spread_prefers_the_steadier_of_two_trees_with_equal_means():
+    forest = Forest.stack([DecisionTree.leaf(0), DecisionTree.leaf(1)])
+    route = ScriptedRoute([[0, 20], [9, 11]], [[1, 1], [1, 1]])
+    assert measure(route, forest, np.array([0, 1])).fitness.tolist() == [10, 10]
+    assert measure(route, forest, np.array([0, 1]), 0.5).fitness.tolist() == [5, 9.5]
+
+
+def test_an_individual_without_a_tree_is_worst_under_a_penalty_too():
+    forest = Forest.stack([DecisionTree.leaf(0)])
+    nobody = Forest(np.array([0, 0]), *(array[:0] for array in forest.arrays[1:]))
+    route = ScriptedRoute([[np.nan, np.nan]], [[0, 0]])
+    assert measure(route, nobody, np.array([0, 1]), 1.0).fitness.tolist() == [WORST_FITNESS]

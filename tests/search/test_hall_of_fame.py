@@ -1,0 +1,168 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ge_torchrl.environments.choose import open_route
+from ge_torchrl.environments.spec import describe
+from ge_torchrl.search.champion import POPULATION, REFINEMENT, Contender, choose_champion
+from ge_torchrl.search.hall_of_fame import HallOfFame, leaders_by_size
+from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.forest import Forest
+
+leaf, split = DecisionTree.leaf, DecisionTree.split
+GOOD = split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
+# It acts as GOOD wherever an episode comes by, but no bound of an observation says so.
+GOOD_WITH_DEAD_BRANCH = split(
+    2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), split(3, -99.0, leaf(0), leaf(1))
+)
+POOR = split(3, 0.0, leaf(0), leaf(1))
+POORER = split(3, 0.3, leaf(0), leaf(1))
+# Of the size of GOOD, and now and then as good.
+LUCKY = split(2, 0.02, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
+ARCHIVE, VALIDATION = np.arange(30), np.arange(1000, 1050)
+
+
+class CountingRoute:
+    """A true route that notes how many trees each batch had."""
+
+    def __init__(self, route):
+        self.route, self.spec, self.batches = route, route.spec, []
+
+    def evaluate(self, forest, seeds):
+        self.batches.append(len(forest))
+        return self.route.evaluate(forest, seeds)
+
+    def count_visits(self, tree, seeds):
+        return self.route.count_visits(tree, seeds)
+
+
+@pytest.fixture(scope="module")
+def opened():
+    route = open_route(describe("CartPole-v1"), threads=1)
+    yield route
+    route.close()
+
+
+@pytest.fixture
+def route(opened):
+    return CountingRoute(opened)
+
+
+def contender(tree, fitness=1.0, origin=POPULATION):
+    return Contender(tree, fitness, origin)
+
+
+def trees(hall):
+    return [member.tree for member in hall.members]
+
+
+def champion_of(route, tree, hall=()):
+    return choose_champion(route, [contender(tree)], 1, VALIDATION, hall)
+
+
+def test_no_tree_is_measured_twice_and_new_ones_in_one_batch(route):
+    hall = HallOfFame(route, ARCHIVE, keep=3, max_nodes=5)
+    hall.offer([contender(POOR), contender(GOOD), contender(POOR)])
+    hall.offer([contender(GOOD), contender(leaf(0)), contender(POOR)])
+    hall.offer([contender(GOOD)])
+    assert route.batches == [2, 1]
+    assert trees(hall) == [leaf(0), POOR, GOOD]
+    assert hall.env_steps == route.evaluate(Forest.stack(trees(hall)), ARCHIVE).env_steps
+
+
+def test_trees_are_told_apart_by_what_they_do_not_by_dead_splits(route):
+    hall = HallOfFame(route, ARCHIVE, keep=3, max_nodes=1)
+    unreachable = split(0, 99.0, POOR, leaf(0))
+    hall.offer([contender(unreachable), contender(POOR)])
+    assert trees(hall) == [POOR]
+
+
+def test_the_best_by_the_archive_stay_whatever_their_fitness(route):
+    hall = HallOfFame(route, ARCHIVE, keep=1, max_nodes=5)
+    hall.offer([contender(POORER, 500.0)])
+    hall.offer([contender(POOR, 1.0)])
+    hall.offer([contender(POORER, 500.0)])
+    assert trees(hall) == [POOR]
+    both = HallOfFame(route, ARCHIVE, keep=2, max_nodes=5)
+    both.offer([contender(POORER), contender(POOR)])
+    assert trees(both) == [POOR, POORER]
+
+
+def test_trees_beyond_the_largest_size_are_not_even_measured(route):
+    hall = HallOfFame(route, ARCHIVE, keep=3, max_nodes=1)
+    hall.offer([contender(GOOD)])
+    assert (route.batches, hall.members) == ([], [])
+
+
+def test_leaders_of_a_generation_are_mapped_only_when_they_are_new(route):
+    hall = HallOfFame(route, ARCHIVE, keep=3, max_nodes=5)
+    mapped = []
+
+    def to_trees(codons):
+        mapped.append(codons[:, 0].tolist())
+        return SimpleNamespace(forest=Forest.stack([[leaf(0), POOR, GOOD, POORER][c] for c in codons[:, 0]]))
+
+    def offer(codons, fitness, sizes):
+        values = {"fitness": np.array(fitness), "decision_nodes": np.array(sizes)}
+        hall.offer_leaders(SimpleNamespace(codons=np.array(codons)[:, np.newaxis], **values), to_trees)
+
+    offer([1, 2, 3], [40.0, 500.0, 9.0], [1, 2, 1])
+    offer([1, 2, 3], [40.0, 500.0, 9.0], [1, 2, 1])
+    offer([0, 2, 3], [9.0, 500.0, 9.0], [0, 2, 1])
+    assert mapped == [[1, 2], [0, 3]]
+    assert trees(hall) == [leaf(0), POOR, POORER, GOOD]
+    assert [member.fitness for member in hall.members] == [9.0, 40.0, 9.0, 500.0]
+
+
+def test_winners_are_sorted_by_their_pruned_size(route):
+    hall = HallOfFame(route, ARCHIVE, keep=3, max_nodes=5)
+    hall.offer([contender(GOOD_WITH_DEAD_BRANCH, origin=REFINEMENT), contender(POOR), contender(POORER)])
+    assert [tree.n_decision_nodes for tree in trees(hall)] == [1, 1, 3]
+    winners = hall.choose_winners(champion_of(route, POOR), VALIDATION).by_size
+    assert [(winner.tree, winner.origin) for winner in winners] == [(POOR, POPULATION), (GOOD, REFINEMENT)]
+
+
+def test_validation_chooses_among_the_trees_of_one_size(route):
+    # On an archive of a single episode both are as good, and of these the first that was offered leads.
+    both = Forest.stack([GOOD, LUCKY])
+    returns = route.evaluate(both, np.arange(300)).returns
+    hall = HallOfFame(route, np.flatnonzero(returns[1] >= returns[0])[:1], keep=2, max_nodes=5)
+    hall.offer([contender(LUCKY), contender(GOOD)])
+    assert trees(hall) == [LUCKY, GOOD]
+    (winner,) = hall.choose_winners(champion_of(route, LUCKY), VALIDATION).by_size
+    assert winner.tree == GOOD
+    assert winner.validation_mean == route.evaluate(both, VALIDATION).returns[0].mean()
+
+
+def test_the_hall_of_fame_can_give_the_champion_and_the_champion_is_always_in_it(route):
+    hall = HallOfFame(route, ARCHIVE, keep=1, max_nodes=2)
+    hall.offer([contender(GOOD, 3.0)])
+    champion = champion_of(route, POOR, hall.members)
+    assert (champion.pruned, champion.train_fitness) == (GOOD, 3.0)
+    # This one is too large to be offered, and of the same worth as a smaller one.
+    small = HallOfFame(route, ARCHIVE, keep=1, max_nodes=1)
+    winners = small.choose_winners(champion_of(route, GOOD), VALIDATION).by_size
+    assert [(winner.tree, winner.archive_mean) for winner in winners] == [(GOOD, None)]
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([-np.inf, 0.0, 1.0, 2.0]), st.integers(0, 4)), min_size=1, max_size=20
+    ),
+    st.integers(0, 4),
+)
+def test_of_each_size_the_first_of_the_fittest_leads(individuals, max_nodes):
+    fitness, sizes = (np.array(column) for column in zip(*individuals, strict=True))
+    leaders = leaders_by_size(fitness, sizes, max_nodes)
+    expected = {}
+    for index, (value, size) in enumerate(individuals):
+        if (
+            size <= max_nodes
+            and np.isfinite(value)
+            and (size not in expected or value > fitness[expected[size]])
+        ):
+            expected[size] = index
+    assert leaders.tolist() == [expected[size] for size in sorted(expected)]
