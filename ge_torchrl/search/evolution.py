@@ -29,6 +29,7 @@ class Generation:
         index: 0 for the random first population.
         codons: [P, K] int32, the population after replacement.
         fitness: [P] float64, as each individual was last measured.
+        seeds: [E] int64, the training episodes of this generation.
         n_born: Individuals made in this generation.
         n_invalid: Those of them without a tree.
         env_steps: Environment steps of this generation.
@@ -39,6 +40,7 @@ class Generation:
     index: int
     codons: Codons
     fitness: Fitness
+    seeds: NDArray[np.int64]
     n_born: int
     n_invalid: int
     env_steps: int
@@ -71,11 +73,10 @@ class Evolution:
 
     def generations(self) -> Iterator[Generation]:
         """Yield generation after generation, without end; the caller decides when to stop."""
-        current = self._first()
-        yield current
+        current = self.first()
         while True:
-            current = self._next(current)
             yield current
+            current = self.after(current)
 
     def warm_up(self) -> None:
         """Load or compile every kernel, so that a clock started afterwards measures evolution."""
@@ -87,18 +88,29 @@ class Evolution:
         """Map genotypes [P, K] to their trees."""
         return map_population(codons, self.tables, self.settings.wraps)
 
-    def _first(self) -> Generation:
+    def first(self) -> Generation:
+        """Return the random first generation."""
         clock = _Clock()
         codons = random_population(self.settings.population_size, self.settings.genotype_length, self.rng)
         mapping = self.map(codons)
         clock.variation_ends()
-        measured = measure(self.route, mapping.forest, self.episodes.next_generation())
+        seeds = self.episodes.next_generation()
+        measured = measure(self.route, mapping.forest, seeds)
         clock.evaluation_ends()
         return Generation(
-            0, codons, measured.fitness, len(codons), _n_invalid(mapping), measured.env_steps, *clock.seconds
+            index=0,
+            codons=codons,
+            fitness=measured.fitness,
+            seeds=seeds,
+            n_born=len(codons),
+            n_invalid=_n_invalid(mapping),
+            env_steps=measured.env_steps,
+            evaluation_seconds=clock.evaluation,
+            variation_seconds=clock.variation,
         )
 
-    def _next(self, current: Generation) -> Generation:
+    def after(self, current: Generation) -> Generation:
+        """Return the generation that follows; `current` may be one that the caller has edited."""
         clock = _Clock()
         parents = tournament(
             current.fitness, self.settings.population_size, self.settings.tournament_size, self.rng
@@ -117,7 +129,15 @@ class Evolution:
         codons, fitness = self._replace(current.codons, fitness, offspring, measured.fitness, parents)
         clock.variation_ends()
         return Generation(
-            current.index + 1, codons, fitness, len(offspring), _n_invalid(mapping), env_steps, *clock.seconds
+            index=current.index + 1,
+            codons=codons,
+            fitness=fitness,
+            seeds=seeds,
+            n_born=len(offspring),
+            n_invalid=_n_invalid(mapping),
+            env_steps=env_steps,
+            evaluation_seconds=clock.evaluation,
+            variation_seconds=clock.variation,
         )
 
     def _vary(self, codons: Codons, parents: NDArray[np.int64]) -> Codons:
@@ -164,7 +184,7 @@ class _Clock:
 
     def __init__(self) -> None:
         self._last = time.perf_counter()
-        self._evaluation = self._variation = 0.0
+        self.evaluation = self.variation = 0.0
 
     def _lap(self) -> float:
         now = time.perf_counter()
@@ -172,11 +192,7 @@ class _Clock:
         return elapsed
 
     def evaluation_ends(self) -> None:
-        self._evaluation += self._lap()
+        self.evaluation += self._lap()
 
     def variation_ends(self) -> None:
-        self._variation += self._lap()
-
-    @property
-    def seconds(self) -> tuple[float, float]:
-        return self._evaluation, self._variation
+        self.variation += self._lap()
