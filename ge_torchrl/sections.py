@@ -222,6 +222,11 @@ class PPOConfig:
         critic_hidden: Widths of the critic's hidden layers; inferred.
         source: Where samples come from: "collector" (TorchRL's, every environment), "fused" (compiled, where
             there are compiled dynamics), or "auto": fused where possible.
+        candidates: Trees refined in a scheduled generation, one after another; those after the first are random.
+        write_back: Whether a refined tree, snapped to the grammar's constants, takes its source's place in the
+            population if it is fitter there. The thesis keeps refined trees apart.
+        snapshot_episodes: Episodes on which the hard tree is scored after every update, so that the best one
+            comes back; 0 brings back the last one, as in the thesis.
     """
 
     SECTION: ClassVar[str] = "ppo"
@@ -244,6 +249,9 @@ class PPOConfig:
     critic_coeff: float = 0.5
     critic_hidden: tuple[int, ...] = (64, 64)
     source: str = "auto"
+    candidates: int = 1
+    write_back: bool = False
+    snapshot_episodes: int = 0
 
     def __post_init__(self) -> None:
         check_text(self, "name", "none, or the name of a method")
@@ -267,6 +275,9 @@ class PPOConfig:
             check_number(self, name, at_least=0.0)
         check_integers(self, "critic_hidden", 1, "it counts units of a layer")
         check_choice(self, "source", ("auto", "collector", "fused"))
+        check_integer(self, "candidates", 1, "an application refines at least one tree")
+        check_flag(self, "write_back")
+        check_integer(self, "snapshot_episodes", 0, "it counts episodes; 0 takes the last tree")
 
     @property
     def enabled(self) -> bool:

@@ -300,9 +300,9 @@ class TestWithPPO:
         "measuring_episodes": 5,
     }
 
-    def run(self, folder, **changes):
+    def run(self, folder, ppo=None, **changes):
         values = config(ge={"generations": 8, "population_size": 30}, **changes).as_mapping()
-        return run(Config.from_mapping({**values, "ppo": self.PPO}), folder)
+        return run(Config.from_mapping({**values, "ppo": {**self.PPO, **(ppo or {})}}), folder)
 
     def test_refinements_are_recorded_shown_and_byte_identical_again(self, tmp_path):
         summary, output = self.run(tmp_path / "one")
@@ -317,6 +317,17 @@ class TestWithPPO:
             assert without_clock(tmp_path / "one" / name) == without_clock(tmp_path / "two" / name)
         for name in ("best_tree.json", "best_tree_full.json"):
             assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+    def test_beyond_the_thesis_runs_are_byte_identical_again(self, tmp_path):
+        """Law 6."""
+        beyond = {"write_back": True, "candidates": 2, "snapshot_episodes": 5}
+        for threads in (1, 2):
+            self.run(tmp_path / str(threads), beyond, evaluation={"threads": threads})
+        one, two = tmp_path / "1", tmp_path / "2"
+        assert len(RunFolder(one).read_refinements()) == 4
+        for name in ("history.jsonl", "refinements.jsonl"):
+            assert without_clock(one / name) == without_clock(two / name)
+        assert (one / "best_tree_full.json").read_bytes() == (two / "best_tree_full.json").read_bytes()
 
     def test_evolution_itself_is_the_same_with_and_without(self, tmp_path):
         self.run(tmp_path / "with")

@@ -8,7 +8,7 @@ Table A.1, including RMSprop and full-batch steps.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -87,7 +87,13 @@ class TrainingRecord:
     failure: str | None = None
 
 
-def train(ddt: DDT, source: Source, settings: PPOSettings, seed: int) -> TrainingRecord:
+def train(
+    ddt: DDT,
+    source: Source,
+    settings: PPOSettings,
+    seed: int,
+    after_update: Callable[[], None] = lambda: None,
+) -> TrainingRecord:
     """Train a tree's thresholds and leaves in place.
 
     Training stops at the first loss, gradient or parameter that is not finite; the tree is then put back to what it
@@ -99,6 +105,7 @@ def train(ddt: DDT, source: Source, settings: PPOSettings, seed: int) -> Trainin
         source: Where samples come from; the caller closes it.
         settings: The settings.
         seed: Seed of the critic's first weights.
+        after_update: Called after each update that went well, to look at the tree as it then is.
 
     Returns:
         What was done, and how it ended.
@@ -115,6 +122,7 @@ def train(ddt: DDT, source: Source, settings: PPOSettings, seed: int) -> Trainin
             if record.failure is not None:
                 ddt.load_state_dict(before)
                 break
+            after_update()
     return record
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ge_torchrl.environments.route import Route
 from ge_torchrl.rl.ddt import harden, soften
@@ -37,7 +38,8 @@ class Refinement:
         largest_threshold_move: Largest change of a threshold.
         leaves_changed: Number of leaves whose action changed.
         training: What PPO reports.
-        env_steps: Environment steps of measuring and training.
+        measuring_seeds: [E] int64, the measuring episodes.
+        env_steps: Environment steps of measuring, training and snapshots.
         seconds: Clock time.
     """
 
@@ -49,6 +51,7 @@ class Refinement:
     largest_threshold_move: float
     leaves_changed: int
     training: TrainingRecord
+    measuring_seeds: NDArray[np.int64]
     env_steps: int
     seconds: float
 
@@ -56,6 +59,41 @@ class Refinement:
     def is_improved(self) -> bool:
         """Whether the hardened tree is better than the tree was."""
         return self.outcome == IMPROVED
+
+
+class Snapshots:
+    """Watches a tree in training and remembers which hard tree to return.
+
+    Without episodes that is the last one; with episodes the one with the best mean return on them, the tree before
+    training included and the earlier of equally good ones: a refinement can then only gain on these episodes.
+
+    Args:
+        route: Runs the trees.
+        before: The tree before training.
+        seeds: [E] the episodes, the same for all snapshots; may be empty.
+
+    Attributes:
+        chosen: The tree to return.
+        env_steps: Environment steps taken.
+    """
+
+    def __init__(self, route: Route, before: DecisionTree, seeds: NDArray[np.int64]) -> None:
+        self._route = route
+        self._seeds = seeds
+        self._best = -np.inf
+        self.chosen = before
+        self.env_steps = 0
+        self.look_at(before)
+
+    def look_at(self, tree: DecisionTree) -> None:
+        """Compare one more hard tree with the best one so far."""
+        if len(self._seeds) == 0:
+            self.chosen = tree
+            return
+        measured = measure(self._route, Forest.stack([tree]), self._seeds)
+        self.env_steps += measured.env_steps
+        if measured.fitness[0] > self._best:
+            self._best, self.chosen = float(measured.fitness[0]), tree
 
 
 class Refiner:
@@ -85,15 +123,17 @@ class Refiner:
             hidden=config.critic_hidden,
         )
 
-    def refine(self, tree: DecisionTree, generation: int) -> Refinement:
+    def refine(self, tree: DecisionTree, generation: int, attempt: int = 0) -> Refinement:
         """Soften a tree, train it by PPO with its structure unchanged, harden it and measure it anew.
 
         Args:
             tree: The tree.
             generation: Names the stream of randomness, so that one refinement does not depend on another.
+            attempt: Counts the refinements of a generation; names the stream too.
         """
         started = time.perf_counter()
-        rng = stream(self._seed, f"refinement in generation {generation}")
+        name = f"generation {generation}" + (f", attempt {attempt}" if attempt else "")
+        rng = stream(self._seed, f"refinement in {name}")
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
         ddt = soften(
             tree,
@@ -103,11 +143,18 @@ class Refiner:
             generator=generator,
         )
         source = open_source(self._route.spec, self._config.source, rng=rng)
+        snapshots = self._snapshots_of(tree, f"snapshots in {name}")
         try:
-            training = train(ddt, source, self._settings, seed=int(rng.integers(2**62)))
+            training = train(
+                ddt,
+                source,
+                self._settings,
+                seed=int(rng.integers(2**62)),
+                after_update=lambda: snapshots.look_at(harden(ddt)),
+            )
         finally:
             source.close()
-        refined = tree if training.failure is not None else harden(ddt)
+        refined = tree if training.failure is not None else snapshots.chosen
         seeds = episode_seeds("training", self._config.measuring_episodes, rng)
         measured = measure(self._route, Forest.stack([tree, refined]), seeds)
         before, after = (float(fitness) for fitness in measured.fitness)
@@ -122,6 +169,12 @@ class Refiner:
             largest_threshold_move=float(moves.max()),
             leaves_changed=int(np.count_nonzero(refined.action != tree.action)),
             training=training,
-            env_steps=measured.env_steps + training.timesteps,
+            measuring_seeds=seeds,
+            env_steps=measured.env_steps + training.timesteps + snapshots.env_steps,
             seconds=time.perf_counter() - started,
         )
+
+    def _snapshots_of(self, tree: DecisionTree, name: str) -> Snapshots:
+        # A stream of their own: with or without snapshots, training is the same to the bit.
+        rng = stream(self._seed, name)
+        return Snapshots(self._route, tree, episode_seeds("training", self._config.snapshot_episodes, rng))
