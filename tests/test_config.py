@@ -10,13 +10,12 @@ from hypothesis import strategies as st
 
 from ge_torchrl.config import Config, check_key, template
 from ge_torchrl.errors import ConfigError
+from ge_torchrl.refinement_section import PPOConfig, ScheduleConfig
 from ge_torchrl.sections import (
     EnvironmentConfig,
     EvaluationConfig,
     GEConfig,
     GrammarConfig,
-    PPOConfig,
-    ScheduleConfig,
 )
 
 VALUES: dict[str, Any] = {

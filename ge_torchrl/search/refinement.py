@@ -13,11 +13,11 @@ import torch
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.route import Route
+from ge_torchrl.refinement_section import PPOConfig
 from ge_torchrl.rl.ddt import harden, soften
 from ge_torchrl.rl.ppo import PPOSettings, TrainingRecord, train
 from ge_torchrl.rl.samples import open_source
 from ge_torchrl.search.fitness import measure
-from ge_torchrl.sections import PPOConfig
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
@@ -121,6 +121,12 @@ class Refiner:
             entropy_coeff=config.entropy_coeff,
             critic_coeff=config.critic_coeff,
             hidden=config.critic_hidden,
+            scale_features=config.scale_features,
+            alpha_final=config.alpha_final,
+            lr_thresholds=config.lr_thresholds,
+            optimizer=config.optimizer,
+            minibatch_size=config.minibatch_size,
+            entropy_final=config.entropy_final,
         )
 
     def refine(self, tree: DecisionTree, generation: int, attempt: int = 0) -> Refinement:
