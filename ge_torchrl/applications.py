@@ -20,7 +20,7 @@ from ge_torchrl.trees.forest import Forest
 
 if TYPE_CHECKING:
     # At run time only where PPO is asked for: it imports torch.
-    from ge_torchrl.search.refinement import Refinement, Refiner
+    from ge_torchrl.search.refinement import Refinement, RefinesTrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Applied:
 
 
 def apply(
-    refiner: Refiner, config: Config, evolution: Evolution, generation: Generation, best: float
+    refiner: RefinesTrees, config: Config, evolution: Evolution, generation: Generation, best: float
 ) -> Iterator[Applied]:
     """Refine as many trees of a generation as the configuration says, one after another.
 

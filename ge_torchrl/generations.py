@@ -22,7 +22,7 @@ from ge_torchrl.trees.simplify import simplify_exact
 
 if TYPE_CHECKING:
     # At run time only where PPO is asked for: it imports torch.
-    from ge_torchrl.search.refinement import Refiner
+    from ge_torchrl.search.refinement import RefinesTrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class GenerationLoop:
     config: Config
     evolution: Evolution
     on_generation: Callable[[GenerationRecord], None]
-    _refiner: Refiner | None = field(default=None, init=False)
+    _refiner: RefinesTrees | None = field(default=None, init=False)
     _on_refinement: Callable[[RefinementRecord], None] = field(default=lambda _: None, init=False)
     _evolved: Evolved | None = field(default=None, init=False)
     _started: float = field(default=0.0, init=False)
@@ -80,7 +80,7 @@ class GenerationLoop:
         """How far evolution has come; None before the first generation."""
         return self._evolved
 
-    def refine_with(self, refiner: Refiner, on_refinement: Callable[[RefinementRecord], None]) -> None:
+    def refine_with(self, refiner: RefinesTrees, on_refinement: Callable[[RefinementRecord], None]) -> None:
         """Refine a tree in the scheduled generations, and call `on_refinement` with each record."""
         self._refiner, self._on_refinement = refiner, on_refinement
 

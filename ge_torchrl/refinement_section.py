@@ -46,6 +46,7 @@ class PPOConfig:
 
     Attributes:
         name: "none" for grammatical evolution alone; any other name is what reports call the method.
+        method: "ppo", or "cmaes": the same budget without gradients.
         schedule: When a tree is refined.
         best_probability: Probability that the best tree is chosen, else a random one.
         measuring_episodes: Unseen episodes that measure a tree before and after its refinement.
@@ -72,6 +73,9 @@ class PPOConfig:
         minibatch_size: Samples of a gradient step; None takes all samples of an update.
         entropy_final: Weight of the entropy bonus in the last update, reached linearly; None keeps
             `entropy_coeff`.
+        cmaes_episodes: Episodes that each tree is measured on by CMA-ES.
+        cmaes_seconds: Clock time of one refinement by CMA-ES, instead of `max_timesteps`; None counts steps. By
+            the clock two runs of one seed differ.
         candidates: Trees refined in a scheduled generation, one after another; those after the first are random.
         write_back: Whether a refined tree, snapped to the grammar's constants, takes its source's place in the
             population if it is fitter there. The thesis keeps refined trees apart.
@@ -82,6 +86,7 @@ class PPOConfig:
     SECTION: ClassVar[str] = "ppo"
 
     name: str = "none"
+    method: str = "ppo"
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     best_probability: float = 0.5
     measuring_episodes: int = 50
@@ -105,6 +110,8 @@ class PPOConfig:
     optimizer: str = "rmsprop"
     minibatch_size: int | None = None
     entropy_final: float | None = None
+    cmaes_episodes: int = 5
+    cmaes_seconds: float | None = None
     candidates: int = 1
     write_back: bool = False
     snapshot_episodes: int = 0
@@ -131,6 +138,9 @@ class PPOConfig:
             check_number(self, name, at_least=0.0)
         check_integers(self, "critic_hidden", 1, "it counts units of a layer")
         check_choice(self, "source", ("auto", "collector", "fused"))
+        check_choice(self, "method", ("ppo", "cmaes"))
+        check_integer(self, "cmaes_episodes", 1, "a return is a mean over episodes")
+        check_number(self, "cmaes_seconds", above=0.0, optional=True)
         self._check_gradients()
         check_integer(self, "candidates", 1, "an application refines at least one tree")
         check_flag(self, "write_back")

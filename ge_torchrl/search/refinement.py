@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -59,6 +60,14 @@ class Refinement:
     def is_improved(self) -> bool:
         """Whether the hardened tree is better than the tree was."""
         return self.outcome == IMPROVED
+
+
+class RefinesTrees(Protocol):
+    """Makes a better tree of a tree, with its structure unchanged."""
+
+    def refine(self, tree: DecisionTree, generation: int, attempt: int = 0) -> Refinement:
+        """Refine a tree; generation and attempt name the stream of randomness."""
+        ...
 
 
 class Snapshots:
@@ -138,7 +147,7 @@ class Refiner:
             attempt: Counts the refinements of a generation; names the stream too.
         """
         started = time.perf_counter()
-        name = f"generation {generation}" + (f", attempt {attempt}" if attempt else "")
+        name = stream_name(generation, attempt)
         rng = stream(self._seed, f"refinement in {name}")
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
         ddt = soften(
@@ -162,25 +171,54 @@ class Refiner:
             source.close()
         refined = tree if training.failure is not None else snapshots.chosen
         seeds = episode_seeds("training", self._config.measuring_episodes, rng)
-        measured = measure(self._route, Forest.stack([tree, refined]), seeds)
-        before, after = (float(fitness) for fitness in measured.fitness)
-        outcome = IMPROVED if after > before else NOT_IMPROVED
-        moves = np.abs(refined.threshold - tree.threshold)
-        return Refinement(
-            tree=refined,
-            outcome=FAILED if training.failure is not None else outcome,
-            return_before=before,
-            return_after=after,
-            thresholds_moved=int(np.count_nonzero(moves)),
-            largest_threshold_move=float(moves.max()),
-            leaves_changed=int(np.count_nonzero(refined.action != tree.action)),
-            training=training,
-            measuring_seeds=seeds,
-            env_steps=measured.env_steps + training.timesteps + snapshots.env_steps,
-            seconds=time.perf_counter() - started,
-        )
+        env_steps = training.timesteps + snapshots.env_steps
+        return compare(self._route, tree, refined, seeds, training, env_steps, started)
 
     def _snapshots_of(self, tree: DecisionTree, name: str) -> Snapshots:
         # A stream of their own: with or without snapshots, training is the same to the bit.
         rng = stream(self._seed, name)
         return Snapshots(self._route, tree, episode_seeds("training", self._config.snapshot_episodes, rng))
+
+
+def stream_name(generation: int, attempt: int) -> str:
+    """Name one refinement of a run; the first of a generation as if it were the only one."""
+    return f"generation {generation}" + (f", attempt {attempt}" if attempt else "")
+
+
+def compare(
+    route: Route,
+    before: DecisionTree,
+    after: DecisionTree,
+    seeds: NDArray[np.int64],
+    training: TrainingRecord,
+    env_steps: int,
+    started: float,
+) -> Refinement:
+    """Measure a tree before and after on the same unseen episodes, and tell what changed.
+
+    Args:
+        route: Runs the trees.
+        before: The tree as it was.
+        after: The tree of the same structure that came back.
+        seeds: [E] the measuring episodes.
+        training: What made the one of the other.
+        env_steps: Environment steps that this took.
+        started: When it began, by `time.perf_counter`.
+    """
+    measured = measure(route, Forest.stack([before, after]), seeds)
+    return_before, return_after = (float(fitness) for fitness in measured.fitness)
+    outcome = IMPROVED if return_after > return_before else NOT_IMPROVED
+    moves = np.abs(after.threshold - before.threshold)
+    return Refinement(
+        tree=after,
+        outcome=FAILED if training.failure is not None else outcome,
+        return_before=return_before,
+        return_after=return_after,
+        thresholds_moved=int(np.count_nonzero(moves)),
+        largest_threshold_move=float(moves.max()),
+        leaves_changed=int(np.count_nonzero(after.action != before.action)),
+        training=training,
+        measuring_seeds=seeds,
+        env_steps=env_steps + measured.env_steps,
+        seconds=time.perf_counter() - started,
+    )
