@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, fields
+from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self, TypeVar
@@ -220,9 +220,11 @@ def _record(kind: type[_Record], text: str, source: str) -> _Record:
     except json.JSONDecodeError as error:
         raise ArtefactError(f"{source} is not JSON: {error}") from error
     names = {field.name for field in fields(kind)}
-    if not isinstance(values, dict) or not names <= values.keys():
-        missing = sorted(names - values.keys()) if isinstance(values, dict) else sorted(names)
+    # A field with a default may be younger than the file.
+    required = {field.name for field in fields(kind) if field.default is MISSING}
+    if not isinstance(values, dict) or not required <= values.keys():
+        missing = sorted(required - values.keys()) if isinstance(values, dict) else sorted(required)
         raise ArtefactError(
             f"{source} must be an object with every key of a {kind.__name__}; missing: {missing}"
         )
-    return kind(**{name: values[name] for name in names})
+    return kind(**{name: values[name] for name in names & values.keys()})

@@ -1,7 +1,7 @@
 """The settings of a run as one frozen record, and the keys that users know it by.
 
-What is allowed stands in `sections` and nowhere else, so a command line, a file and a Python program are told
-the same things in the same words. A message names the full key, such as `ge.population_size`.
+What is allowed stands in `sections` and `refinement_section` and nowhere else, so a command line, a file and a
+Python program are told the same things in the same words. A message names the full key, such as `ge.population_size`.
 """
 
 import difflib
@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 
 from ge_torchrl.checks import UNSET, check_integer, refuse
 from ge_torchrl.errors import ConfigError
-from ge_torchrl.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig, PPOConfig
+from ge_torchrl.refinement_section import PPOConfig
+from ge_torchrl.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -18,7 +19,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.route import Route
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
-from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.errors import ConfigError, EnvironmentFaultError
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
 from ge_torchrl.generations import Evolved, GenerationLoop
@@ -31,7 +32,7 @@ from ge_torchrl.search.hall_of_fame import HallOfFame, open_hall_of_fame
 from ge_torchrl.seeding import stream
 
 if TYPE_CHECKING:
-    from ge_torchrl.search.refinement import Refiner
+    from ge_torchrl.search.refinement import RefinesTrees
 
 _Record = TypeVar("_Record")
 
@@ -57,7 +58,12 @@ def plan(config: Config) -> Plan:
     Raises:
         EnvironmentFaultError: The environment is unknown or unsuitable, or has no such route.
         GrammarError: The grammar text breaks a rule.
+        ConfigError: The method of refinement is not installed.
     """
+    if config.ppo.enabled and config.ppo.method == "cmaes" and find_spec("cma") is None:
+        raise ConfigError(
+            'ppo.method must be ppo where pycma is missing; got cmaes (pip install "ge-torchrl[cmaes]")'
+        )
     env = config.env
     spec = describe(env.id, env.features, env.units, env.actions, env.solved_at, env.max_episode_steps)
     if env.route == "compiled":
@@ -152,8 +158,12 @@ def _each(*receivers: Callable[[_Record], None]) -> Callable[[_Record], None]:
     return receive
 
 
-def _make_refiner(config: Config, route: Route) -> Refiner:
+def _make_refiner(config: Config, route: Route) -> RefinesTrees:
     # torch takes two seconds to import, which grammatical evolution alone need not pay.
+    if config.ppo.method == "cmaes":
+        from ge_torchrl.search.cmaes import CMAESRefiner
+
+        return CMAESRefiner(route, config.ppo, config.seed)
     from ge_torchrl.search.refinement import Refiner
 
     return Refiner(route, config.ppo, config.seed)

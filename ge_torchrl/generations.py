@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -10,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ge_torchrl.applications import Applied, apply
 from ge_torchrl.config import Config
 from ge_torchrl.records import GenerationRecord, RefinementRecord
-from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidate
-from ge_torchrl.search.champion import REFINEMENT, Contender
+from ge_torchrl.search.champion import Contender
 from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.fitness import measure
 from ge_torchrl.search.hall_of_fame import HallOfFame
@@ -24,7 +23,7 @@ from ge_torchrl.trees.simplify import simplify_exact
 
 if TYPE_CHECKING:
     # At run time only where PPO is asked for: it imports torch.
-    from ge_torchrl.search.refinement import Refinement, Refiner
+    from ge_torchrl.search.refinement import RefinesTrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +73,7 @@ class GenerationLoop:
     evolution: Evolution
     on_generation: Callable[[GenerationRecord], None]
     hall_of_fame: HallOfFame | None = None
-    _refiner: Refiner | None = field(default=None, init=False)
+    _refiner: RefinesTrees | None = field(default=None, init=False)
     _on_refinement: Callable[[RefinementRecord], None] = field(default=lambda _: None, init=False)
     _evolved: Evolved | None = field(default=None, init=False)
     _n_offered: int = field(default=0, init=False)
@@ -85,7 +84,7 @@ class GenerationLoop:
         """How far evolution has come; None before the first generation."""
         return self._evolved
 
-    def refine_with(self, refiner: Refiner, on_refinement: Callable[[RefinementRecord], None]) -> None:
+    def refine_with(self, refiner: RefinesTrees, on_refinement: Callable[[RefinementRecord], None]) -> None:
         """Refine a tree in the scheduled generations, and call `on_refinement` with each record."""
         self._refiner, self._on_refinement = refiner, on_refinement
 
@@ -98,14 +97,15 @@ class GenerationLoop:
         self._started = time.perf_counter()
         observer = _BestObserver(self.config, self.evolution)
         try:
-            for generation in self.evolution.generations():
+            generation = self.evolution.first()
+            while True:
                 self._evolved = self._with(generation)
                 interrupted = self._refine(generation)
                 evolved = replace(self._evolved, seconds=time.perf_counter() - self._started)
-                observer.observe(generation, evolved.refined)
+                observer.observe(evolved.last, evolved.refined)
                 self.on_generation(_record(evolved, observer.decision_nodes))
                 self._evolved = evolved
-                self._offer(generation)
+                self._offer(evolved.last)
                 reason = (
                     "interrupt"
                     if interrupted
@@ -113,12 +113,12 @@ class GenerationLoop:
                 )
                 if reason is not None:
                     return replace(evolved, stopped_by=reason)
+                # Not the generation as it was selected: refined trees may have been written back into it.
+                generation = self.evolution.after(evolved.last)
         except KeyboardInterrupt:
             if self._evolved is None:
                 raise
-        if self._evolved is None:
-            raise ValueError("evolution yields at least its first generation")
-        return self._evolved
+            return self._evolved
 
     def _with(self, generation: Generation) -> Evolved:
         before = self._evolved
@@ -147,39 +147,32 @@ class GenerationLoop:
         if self._refiner is None or not self.config.ppo.schedule.applies_to(generation.index):
             return False
         try:
-            self._apply(self._refiner, generation)
+            for applied in apply(self._refiner, self.config, self.evolution, generation, self._best()):
+                self._evolved = self._evolved_by(applied)
+                self._on_refinement(applied.record)
         except KeyboardInterrupt:
             return True
         return False
 
-    def _apply(self, refiner: Refiner, generation: Generation) -> None:
-        evolved = self._evolved
-        if evolved is None:
+    def _best(self) -> float:
+        evolved = self._so_far()
+        return max(float(evolved.last.fitness.max()), evolved.best_refined or -np.inf)
+
+    def _evolved_by(self, applied: Applied) -> Evolved:
+        before = self._so_far()
+        return replace(
+            before,
+            last=applied.generation,
+            refined=before.refined + applied.refined,
+            refinements=before.refinements + applied.refinements,
+            refine_seconds=before.refine_seconds + applied.seconds,
+            env_steps=before.env_steps + applied.env_steps,
+        )
+
+    def _so_far(self) -> Evolved:
+        if self._evolved is None:
             raise ValueError("a refinement follows the selection of a generation")
-        mapping = self.evolution.map(generation.codons)
-        spec = self.evolution.route.spec
-        candidate = choose_candidate(
-            generation.fitness,
-            mapping.forest.sizes,
-            Eligibility(spec.solved_at, self.config.env.lowest_fitness_excluded),
-            self.config.ppo.best_probability,
-            stream(self.config.seed, f"candidate in generation {generation.index}"),
-        )
-        if candidate.individual is None:
-            self._on_refinement(RefinementRecord(generation.index, "skipped", candidate.redraws))
-            return
-        tree = mapping.forest.tree(candidate.individual)
-        refinement = refiner.refine(tree, generation.index)
-        best = max(float(generation.fitness.max()), evolved.best_refined or -np.inf)
-        self._on_refinement(_refined(generation, candidate, tree, refinement, best))
-        better = (Contender(refinement.tree, refinement.return_after, REFINEMENT),) * refinement.is_improved
-        self._evolved = replace(
-            evolved,
-            refined=evolved.refined + better,
-            refinements=evolved.refinements + 1,
-            refine_seconds=evolved.refine_seconds + refinement.seconds,
-            env_steps=evolved.env_steps + refinement.env_steps,
-        )
+        return self._evolved
 
 
 def validation_seeds(config: Config) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
@@ -252,40 +245,3 @@ def _record(evolved: Evolved, best_decision_nodes: int | None) -> GenerationReco
         evaluation_seconds=generation.evaluation_seconds,
         variation_seconds=generation.variation_seconds,
     )
-
-
-def _refined(
-    generation: Generation, candidate: Candidate, tree: DecisionTree, refinement: Refinement, best: float
-) -> RefinementRecord:
-    individual = candidate.individual if candidate.individual is not None else -1
-    training = refinement.training
-    return RefinementRecord(
-        generation=generation.index,
-        outcome=refinement.outcome,
-        chosen=candidate.chosen,
-        redraws=candidate.redraws,
-        individual=candidate.individual,
-        decision_nodes=tree.n_decision_nodes,
-        fitness_before=float(generation.fitness[individual]),
-        return_before=refinement.return_before,
-        soft_return=_finite_or_none(training.soft_return),
-        return_after=refinement.return_after,
-        new_best=refinement.is_improved and refinement.return_after > best,
-        thresholds_moved=refinement.thresholds_moved,
-        largest_threshold_move=refinement.largest_threshold_move,
-        leaves_changed=refinement.leaves_changed,
-        timesteps=training.timesteps,
-        updates=training.updates,
-        gradient_steps=training.gradient_steps,
-        actor_loss=_finite_or_none(training.actor_loss),
-        critic_loss=_finite_or_none(training.critic_loss),
-        clip_fraction=_finite_or_none(training.clip_fraction),
-        kl=_finite_or_none(training.kl),
-        failure=training.failure,
-        refine_seconds=refinement.seconds,
-    )
-
-
-def _finite_or_none(value: float) -> float | None:
-    # What was never measured is not a number, which JSON has no word for.
-    return value if math.isfinite(value) else None

@@ -66,6 +66,9 @@ class RefinementRecord:
         return_before: Its mean return on the measuring episodes.
         soft_return: Mean return of the soft tree's episodes in the last update.
         return_after: Mean return of the hardened tree on the measuring episodes.
+        return_snapped: Mean return on them of the tree that the grammar's constants leave of it; None without
+            write-back, or where no genotype holds the tree.
+        written_back: Whether the snapped tree took its source's place in the population.
         new_best: Whether that exceeds the generation's best fitness, refined trees included.
         thresholds_moved: Thresholds that changed.
         largest_threshold_move: Largest change of a threshold.
@@ -104,6 +107,8 @@ class RefinementRecord:
     kl: float | None = None
     failure: str | None = None
     refine_seconds: float = 0.0
+    return_snapped: float | None = None
+    written_back: bool = False
 
 
 @dataclass(frozen=True)

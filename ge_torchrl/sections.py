@@ -1,13 +1,12 @@
 """The sections of a run's settings: frozen records whose types and ranges are checked where they are made."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 from ge_torchrl.checks import (
     check_choice,
     check_flag,
     check_integer,
-    check_integers,
     check_names,
     check_number,
     check_probability,
@@ -194,104 +193,3 @@ class EvaluationConfig:
         check_integer(self, "archive_keep", 1, "the hall of fame has a tree of each size")
         check_integer(self, "archive_max_nodes", 0, "a lone leaf has no decision node")
         check_integer(self, "threads", 0, "it counts threads; 0 takes all cores")
-
-
-@dataclass(frozen=True)
-class ScheduleConfig:
-    """In which generations a tree is refined.
-
-    Attributes:
-        every: After every so many generations, counted from 0 and not in generation 0; or None.
-        generations: In exactly these, whatever `every` says; empty leaves it to `every`.
-    """
-
-    SECTION: ClassVar[str] = "ppo.schedule"
-
-    every: int | None = None
-    generations: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        check_integer(self, "every", 1, "it counts generations", optional=True)
-        check_integers(self, "generations", 1, "generation 0 is random and not refined")
-
-    def applies_to(self, generation: int) -> bool:
-        """Tell whether a tree is refined in this generation."""
-        if self.generations:
-            return generation in self.generations
-        return self.every is not None and generation > 0 and generation % self.every == 0
-
-
-@dataclass(frozen=True)
-class PPOConfig:
-    """Refinement of trees by PPO.
-
-    Attributes:
-        name: "none" for grammatical evolution alone; any other name is what reports call the method.
-        schedule: When a tree is refined.
-        best_probability: Probability that the best tree is chosen, else a random one.
-        measuring_episodes: Unseen episodes that measure a tree before and after its refinement.
-        alpha: Steepness of the soft decisions.
-        leaf_sd: Standard deviation of the noise on the leaves of a softened tree.
-        max_timesteps: Environment steps of one refinement.
-        update_timesteps: Environment steps between updates.
-        epochs: Gradient steps on the samples of each update.
-        clip_epsilon: Clipping of the probability ratio.
-        gamma: Discount factor.
-        gae_lambda: Decay of generalised advantage estimation; inferred.
-        lr_actor: Learning rate of the tree.
-        lr_critic: Learning rate of the critic.
-        entropy_coeff: Weight of the entropy bonus; inferred.
-        critic_coeff: Weight of the value loss; inferred.
-        critic_hidden: Widths of the critic's hidden layers; inferred.
-        source: Where samples come from: "collector" (TorchRL's, every environment), "fused" (compiled, where
-            there are compiled dynamics), or "auto": fused where possible.
-    """
-
-    SECTION: ClassVar[str] = "ppo"
-
-    name: str = "none"
-    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
-    best_probability: float = 0.5
-    measuring_episodes: int = 50
-    alpha: float = 1000.0
-    leaf_sd: float = 0.1
-    max_timesteps: int = 100_000
-    update_timesteps: int = 3000
-    epochs: int = 60
-    clip_epsilon: float = 0.2
-    gamma: float = 0.95
-    gae_lambda: float = 0.95
-    lr_actor: float = 0.001
-    lr_critic: float = 0.001
-    entropy_coeff: float = 0.01
-    critic_coeff: float = 0.5
-    critic_hidden: tuple[int, ...] = (64, 64)
-    source: str = "auto"
-
-    def __post_init__(self) -> None:
-        check_text(self, "name", "none, or the name of a method")
-        if not isinstance(self.schedule, ScheduleConfig):
-            refuse(self, "schedule", "a ScheduleConfig")
-        check_probability(self, "best_probability")
-        check_integer(self, "measuring_episodes", 1, "a return is a mean over episodes")
-        check_number(self, "alpha", above=0.0)
-        check_number(self, "leaf_sd", at_least=0.0)
-        check_integer(self, "max_timesteps", 1, "PPO learns from samples")
-        check_integer(self, "update_timesteps", 2, "PPO learns from samples")
-        if self.update_timesteps > self.max_timesteps:
-            refuse(self, "update_timesteps", f"at most ppo.max_timesteps, {self.max_timesteps}")
-        check_integer(self, "epochs", 1, "an update is at least one gradient step")
-        check_number(self, "clip_epsilon", above=0.0)
-        check_probability(self, "gamma", "it is a discount factor")
-        check_probability(self, "gae_lambda", "it is a decay")
-        for name in ("lr_actor", "lr_critic"):
-            check_number(self, name, above=0.0)
-        for name in ("entropy_coeff", "critic_coeff"):
-            check_number(self, name, at_least=0.0)
-        check_integers(self, "critic_hidden", 1, "it counts units of a layer")
-        check_choice(self, "source", ("auto", "collector", "fused"))
-
-    @property
-    def enabled(self) -> bool:
-        """Whether there is any refinement."""
-        return self.name != "none"

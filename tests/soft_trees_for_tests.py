@@ -12,6 +12,7 @@ def sigmoid(z):
 
 
 def left_weight(tree, alpha, node, observation):
+    alpha = np.broadcast_to(alpha, len(tree.feature))[node]
     return sigmoid(alpha * (float(tree.threshold[node]) - float(observation[tree.feature[node]])))
 
 
@@ -41,7 +42,12 @@ def soft_tree(tree, n_actions, alpha, sharpness=1.0):
     logits = sharpness * np.eye(n_actions)[np.maximum(tree.action, 0)]
     probabilities = np.exp(logits) / np.exp(logits).sum(1, keepdims=True)
     return SoftTree(
-        tree.feature, tree.threshold, tree.children_left, tree.children_right, probabilities, alpha
+        tree.feature,
+        tree.threshold,
+        tree.children_left,
+        tree.children_right,
+        probabilities,
+        np.full(tree.n_nodes, alpha),
     )
 
 

@@ -10,13 +10,12 @@ from hypothesis import strategies as st
 
 from ge_torchrl.config import Config, check_key, template
 from ge_torchrl.errors import ConfigError
+from ge_torchrl.refinement_section import PPOConfig, ScheduleConfig
 from ge_torchrl.sections import (
     EnvironmentConfig,
     EvaluationConfig,
     GEConfig,
     GrammarConfig,
-    PPOConfig,
-    ScheduleConfig,
 )
 
 VALUES: dict[str, Any] = {
@@ -370,3 +369,29 @@ def test_a_schedule_survives_the_way_through_yaml():
     )
     assert config.ppo.schedule == ScheduleConfig(generations=(50, 100))
     assert Config.from_mapping(yaml.safe_load(yaml.safe_dump(config.as_mapping()))) == config
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"candidates": 0}, "ppo.candidates must be an integer of at least 1"),
+        ({"write_back": 1}, "ppo.write_back must be true or false"),
+        ({"snapshot_episodes": -1}, "ppo.snapshot_episodes must be an integer of at least 0"),
+        ({"scale_features": "no"}, "ppo.scale_features must be true or false"),
+        (
+            {"scale_features": True, "max_timesteps": 5000, "update_timesteps": 3000},
+            "ppo.scale_features must be false where .* because the first batch of samples only measures",
+        ),
+        ({"alpha_final": 0}, "ppo.alpha_final must be a finite number above 0 or null"),
+        ({"lr_thresholds": 0}, "ppo.lr_thresholds must be a finite number above 0 or null"),
+        ({"optimizer": "sgd"}, "ppo.optimizer must be one of rmsprop, adam"),
+        ({"minibatch_size": 1}, "ppo.minibatch_size must be an integer of at least 2 or null"),
+        ({"entropy_final": -1}, "ppo.entropy_final must be a finite number of at least 0 or null"),
+        ({"method": "sgd"}, "ppo.method must be one of ppo, cmaes"),
+        ({"cmaes_episodes": 0}, "ppo.cmaes_episodes must be an integer of at least 1"),
+        ({"cmaes_seconds": 0}, "ppo.cmaes_seconds must be a finite number above 0 or null"),
+    ],
+)
+def test_settings_beyond_the_thesis_are_checked(values, message):
+    with pytest.raises(ConfigError, match=message):
+        Config.from_mapping({**VALUES, "ppo": values})

@@ -17,7 +17,7 @@ from ge_torchrl.artefacts import RunFolder, find_runs
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import describe
-from ge_torchrl.errors import ArtefactError, EnvironmentFaultError, GrammarError
+from ge_torchrl.errors import ArtefactError, ConfigError, EnvironmentFaultError, GrammarError
 from ge_torchrl.evaluation import evaluate
 from ge_torchrl.records import CLOCK_FIELDS
 from ge_torchrl.seeding import episode_seeds, stream
@@ -313,9 +313,9 @@ class TestWithPPO:
         "measuring_episodes": 5,
     }
 
-    def run(self, folder, **changes):
+    def run(self, folder, ppo=None, **changes):
         values = config(ge={"generations": 8, "population_size": 30}, **changes).as_mapping()
-        return run(Config.from_mapping({**values, "ppo": self.PPO}), folder)
+        return run(Config.from_mapping({**values, "ppo": {**self.PPO, **(ppo or {})}}), folder)
 
     def test_refinements_are_recorded_shown_and_byte_identical_again(self, tmp_path):
         summary, output = self.run(tmp_path / "one")
@@ -330,6 +330,34 @@ class TestWithPPO:
             assert without_clock(tmp_path / "one" / name) == without_clock(tmp_path / "two" / name)
         for name in ("best_tree.json", "best_tree_full.json"):
             assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+    def test_beyond_the_thesis_runs_are_byte_identical_again(self, tmp_path):
+        """Law 6."""
+        beyond = {"write_back": True, "candidates": 2, "snapshot_episodes": 5}
+        for threads in (1, 2):
+            self.run(tmp_path / str(threads), beyond, evaluation={"threads": threads})
+        one, two = tmp_path / "1", tmp_path / "2"
+        assert len(RunFolder(one).read_refinements()) == 4
+        for name in ("history.jsonl", "refinements.jsonl"):
+            assert without_clock(one / name) == without_clock(two / name)
+        assert (one / "best_tree_full.json").read_bytes() == (two / "best_tree_full.json").read_bytes()
+
+    def test_the_rival_is_a_setting_and_byte_identical_again(self, tmp_path):
+        """Law 6."""
+        rival = {"method": "cmaes", "max_timesteps": 20_000, "write_back": True}
+        for threads in (1, 2):
+            self.run(tmp_path / str(threads), rival, evaluation={"threads": threads})
+        records = RunFolder(tmp_path / "1").read_refinements()
+        assert [record.generation for record in records] == [3, 6]
+        assert all(record.actor_loss is None and record.gradient_steps == 0 for record in records)
+        for name in ("history.jsonl", "refinements.jsonl"):
+            assert without_clock(tmp_path / "1" / name) == without_clock(tmp_path / "2" / name)
+
+    def test_a_rival_that_is_not_installed_is_told_before_anything_is_written(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(experiment, "find_spec", lambda _: None)
+        with pytest.raises(ConfigError, match=r"pip install .*cmaes"):
+            self.run(tmp_path / "run", {"method": "cmaes"})
+        assert not (tmp_path / "run").exists()
 
     def test_evolution_itself_is_the_same_with_and_without(self, tmp_path):
         self.run(tmp_path / "with")

@@ -59,7 +59,7 @@ class ScriptedRefiner:
         self.script = iter(script)
         self.asked = []
 
-    def refine(self, tree, generation):
+    def refine(self, tree, generation, attempt=0):  # noqa: ARG002
         self.asked.append((tree, generation))
         outcome, after, *replaced = next(self.script)
         if outcome == "interrupt":
@@ -75,6 +75,7 @@ class ScriptedRefiner:
             largest_threshold_move=0.5,
             leaves_changed=0,
             training=training,
+            measuring_seeds=np.arange(4),
             env_steps=150,
             seconds=1.0,
             is_improved=outcome == IMPROVED,
@@ -182,3 +183,34 @@ def test_the_hall_of_fame_is_offered_the_leaders_and_the_improved_trees_alone(ru
     # Of each size of the last generation the fittest was measured.
     for size in np.unique(evolved.last.decision_nodes[np.isfinite(evolved.last.fitness)]):
         assert any(member.tree.n_decision_nodes == size for member in hall.members)
+
+
+def test_with_write_back_the_population_goes_on_from_the_refined_tree(run):
+    script = [(IMPROVED, 500.0, GOOD), (NOT_IMPROVED, 10.0, DecisionTree.leaf(0)), (FAILED, 20.0, GOOD)]
+    evolved, generations, refinements, _ = run(config(write_back=True), script)
+    _, without, _, _ = run(config(), script)
+    best, before = ([record.best_fitness for record in records] for records in (generations, without))
+    assert best[:4] == before[:4]
+    assert best[4] > before[4]
+    assert evolved.last.fitness.max() >= best[4]
+    assert [record.written_back for record in refinements] == [True, False, False]
+    snapped, lost, failed = (record.return_snapped for record in refinements)
+    assert snapped > 50
+    assert lost is None, "the grammar derives no lone leaf"
+    assert failed is None
+
+
+def test_several_candidates_are_refined_one_after_another(run):
+    evolved, _, refinements, refiner = run(config(candidates=3), itertools.repeat((IMPROVED, 30.0)))
+    assert [record.generation for record in refinements] == [4, 4, 4, 8, 8, 8, 12, 12, 12]
+    for first in (0, 3, 6):
+        individuals = {record.individual for record in refinements[first : first + 3]}
+        assert len(individuals) == 3
+    assert evolved.refinements == len(refiner.asked) == 9
+    assert [record.new_best for record in refinements[4:]] == [False] * 5
+
+
+def test_ctrl_c_keeps_the_candidates_already_refined(run):
+    evolved, _, refinements, _ = run(config(candidates=2), [(IMPROVED, 300.0), ("interrupt", 0.0)])
+    assert evolved.stopped_by == "interrupt"
+    assert (len(refinements), evolved.refinements) == (1, 1)

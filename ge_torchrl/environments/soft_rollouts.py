@@ -33,7 +33,7 @@ _STARTS_PER_BLOCK = 32
 
 
 class SoftTree(NamedTuple):
-    """A tree whose decisions and leaves are random; node `j` goes left with probability `sigma(alpha (phi - x))`.
+    """A tree whose decisions and leaves are random; node `j` goes left with probability `sigma(alpha_j (phi - x))`.
 
     Attributes:
         feature: [N] int32, as in `DecisionTree`.
@@ -41,7 +41,7 @@ class SoftTree(NamedTuple):
         children_left: [N] int32, likewise.
         children_right: [N] int32, likewise.
         probabilities: [N, A] float64, a leaf's probability of each action; rows of decision nodes are not read.
-        alpha: Steepness of every decision.
+        alpha: [N] float64, steepness of each decision by one unit of its feature; those of leaves are not read.
     """
 
     feature: IntArray
@@ -49,7 +49,7 @@ class SoftTree(NamedTuple):
     children_left: IntArray
     children_right: IntArray
     probabilities: NDArray[np.float64]
-    alpha: float
+    alpha: NDArray[np.float64]
 
 
 class Samples(NamedTuple):
@@ -164,7 +164,7 @@ def _draw_action(tree: SoftTree, rows: NDArray[np.float64], rng: np.random.Gener
     node = 0
     while tree.children_left[node] >= 0:
         distance = tree.threshold[node] - rows[OBSERVATION + tree.feature[node] * LANES]
-        weight = 1.0 / (1.0 + np.exp(-tree.alpha * distance))
+        weight = 1.0 / (1.0 + np.exp(-tree.alpha[node] * distance))
         node = tree.children_left[node] if rng.random() < weight else tree.children_right[node]
     action, left_over = 0, rng.random() - tree.probabilities[node, 0]
     # What rounding leaves of a sum of one falls to the last action.

@@ -31,6 +31,9 @@ class DDT(nn.Module):
     branches. Eq. 2 of the thesis prints `sigma(alpha (x - phi))`, the weight of the FALSE branch. At `x = phi`, where
     the hard tree goes right, each branch weighs exactly one half.
 
+    Features may be standardised: `phi` and `x` are then counted from `origin` in units of `scale`, so that one `alpha`
+    and one learning rate suit features of any size. The hard tree is always in the feature's own units.
+
     Args:
         tree: The structure; it and the features stay as they are.
         leaf_logits: [L, A], parameters whose softmax is a leaf's action probabilities; leaves in node order.
@@ -38,14 +41,19 @@ class DDT(nn.Module):
 
     Attributes:
         tree: The tree that this one was made from.
-        threshold: [M] float32 parameter, thresholds of the decision nodes in node order.
+        threshold: [M] float32 parameter, thresholds of the decision nodes in node order, from `origin` in units of
+            `scale`.
         leaf_logits: [L, A] float32 parameter.
         feature: [M] int64 buffer.
+        origin: [M] float32 buffer, 0 unless standardised.
+        scale: [M] float32 buffer, 1 unless standardised.
         is_left: [M, L] buffer, 1 where the path to the leaf takes the decision's left branch, else 0.
         is_right: [M, L] buffer, likewise for the right branch.
     """
 
     feature: Tensor
+    origin: Tensor
+    scale: Tensor
     is_left: Tensor
     is_right: Tensor
 
@@ -59,6 +67,8 @@ class DDT(nn.Module):
         self.register_buffer("is_left", torch.tensor(is_left))
         self.register_buffer("is_right", torch.tensor(is_right))
         self.threshold = nn.Parameter(torch.tensor(tree.threshold[decisions]))
+        self.register_buffer("origin", torch.zeros_like(self.threshold))
+        self.register_buffer("scale", torch.ones_like(self.threshold))
         self.leaf_logits = nn.Parameter(leaf_logits)
 
     @property
@@ -76,7 +86,7 @@ class DDT(nn.Module):
             [..., A], finite for every observation without NaN; none is below log(1e-30).
         """
         observed = observation.index_select(-1, self.feature).to(self.threshold.dtype)
-        logit = self.alpha * (self.threshold - observed)
+        logit = self.alpha * (self.threshold - (observed - self.origin) / self.scale)
         logit = logit.clamp(-_LARGEST_LOGIT, _LARGEST_LOGIT)
         log_weights = (
             functional.logsigmoid(logit) @ self.is_left + functional.logsigmoid(-logit) @ self.is_right
@@ -85,18 +95,37 @@ class DDT(nn.Module):
         return probabilities.clamp_min(_LEAST_PROBABILITY).log()
 
     @torch.no_grad()
+    def standardise(self, spread: Tensor) -> None:
+        """Count thresholds from where they are now, in units of their features' spread; the hard tree stays the same.
+
+        Args:
+            spread: [D], how far the values of each feature lie apart, above 0.
+        """
+        # The origin is the threshold itself, so that what has not moved comes back to the last bit.
+        self.origin.copy_(self.thresholds())
+        self.scale.copy_(spread[self.feature])
+        self.threshold.zero_()
+
+    @torch.no_grad()
+    def thresholds(self) -> Tensor:
+        """Return the thresholds [M] in their features' own units."""
+        return self.origin + self.scale * self.threshold
+
+    @torch.no_grad()
     def arrays(self) -> SoftTree:
         """Return the tree as it stands, for the compiled sampler."""
         tree = harden(self)
         probabilities = np.zeros((tree.n_nodes, self.n_actions))
         probabilities[tree.is_leaf] = self.leaf_logits.double().softmax(-1).numpy()
+        alpha = np.ones(tree.n_nodes)
+        alpha[~tree.is_leaf] = self.alpha / self.scale.double().numpy()
         return SoftTree(
             tree.feature,
             tree.threshold,
             tree.children_left,
             tree.children_right,
             probabilities,
-            float(self.alpha),
+            alpha,
         )
 
 
@@ -147,7 +176,7 @@ def harden(ddt: DDT) -> DecisionTree:
     """
     tree = ddt.tree
     threshold, action = tree.threshold.copy(), tree.action.copy()
-    threshold[~tree.is_leaf] = ddt.threshold.float().numpy()
+    threshold[~tree.is_leaf] = ddt.thresholds().float().numpy()
     action[tree.is_leaf] = ddt.leaf_logits.argmax(-1).numpy()
     return DecisionTree(tree.feature, threshold, tree.children_left, tree.children_right, action)
 

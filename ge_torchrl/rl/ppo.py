@@ -8,7 +8,7 @@ Table A.1, including RMSprop and full-batch steps.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -24,6 +24,7 @@ from ge_torchrl.rl.actor_critic import make_actor_critic
 from ge_torchrl.rl.ddt import DDT
 from ge_torchrl.rl.samples import Source, finished_returns
 
+_OPTIMIZERS = {"rmsprop": torch.optim.RMSprop, "adam": torch.optim.Adam}
 _BATCH_KEYS = ("observation", "action", "action_log_prob", "advantage", "value_target")
 
 
@@ -34,7 +35,7 @@ class PPOSettings:
     Attributes:
         max_timesteps: Environment steps of the training; what does not fill an update is not taken.
         update_timesteps: Environment steps of one update, T.
-        epochs: Gradient steps of one update, each on all its samples.
+        epochs: Passes over the samples of one update; each is one gradient step unless there are minibatches.
         clip_epsilon: How far from 1 the ratio of probabilities still pays.
         gamma: Discount.
         gae_lambda: Decay of the generalised advantage estimate.
@@ -43,6 +44,14 @@ class PPOSettings:
         entropy_coeff: Weight of the entropy bonus.
         critic_coeff: Weight of the critic's squared error.
         hidden: Widths of the critic's hidden layers.
+        scale_features: Whether thresholds are counted in units of their features' standard deviation over a first
+            batch of samples, which is spent on that alone.
+        alpha_final: Steepness of the decisions in the last update, reached geometrically; None leaves it.
+        lr_thresholds: Learning rate of the thresholds; None takes that of the tree.
+        optimizer: "rmsprop" or "adam".
+        minibatch_size: Samples of a gradient step, all of an update's being used in every epoch; None takes all at
+            once.
+        entropy_final: Weight of the entropy bonus in the last update, reached linearly; None leaves it.
     """
 
     max_timesteps: int
@@ -56,6 +65,12 @@ class PPOSettings:
     entropy_coeff: float = 0.01
     critic_coeff: float = 0.5
     hidden: tuple[int, ...] = (64, 64)
+    scale_features: bool = False
+    alpha_final: float | None = None
+    lr_thresholds: float | None = None
+    optimizer: str = "rmsprop"
+    minibatch_size: int | None = None
+    entropy_final: float | None = None
 
 
 @dataclass(frozen=True)
@@ -87,7 +102,13 @@ class TrainingRecord:
     failure: str | None = None
 
 
-def train(ddt: DDT, source: Source, settings: PPOSettings, seed: int) -> TrainingRecord:
+def train(
+    ddt: DDT,
+    source: Source,
+    settings: PPOSettings,
+    seed: int,
+    after_update: Callable[[], None] = lambda: None,
+) -> TrainingRecord:
     """Train a tree's thresholds and leaves in place.
 
     Training stops at the first loss, gradient or parameter that is not finite; the tree is then put back to what it
@@ -99,23 +120,42 @@ def train(ddt: DDT, source: Source, settings: PPOSettings, seed: int) -> Trainin
         source: Where samples come from; the caller closes it.
         settings: The settings.
         seed: Seed of the critic's first weights.
+        after_update: Called after each update that went well, to look at the tree as it then is.
 
     Returns:
         What was done, and how it ended.
     """
     generator = torch.Generator().manual_seed(seed)
     actor, critic = make_actor_critic(ddt, source.spec.n_features, settings.hidden, generator=generator)
-    learner = _Learner(ddt, actor, critic, settings)
+    learner = _Learner(ddt, actor, critic, settings, generator)
     before = {name: value.clone() for name, value in ddt.state_dict().items()}
     record = TrainingRecord()
     with _one_thread():
-        for _ in range(settings.max_timesteps // settings.update_timesteps):
+        n_updates = settings.max_timesteps // settings.update_timesteps
+        if settings.scale_features and n_updates > 0:
+            samples = source.collect(actor, settings.update_timesteps)
+            ddt.standardise(_spread(samples["observation"]))
+            record, n_updates = TrainingRecord(timesteps=len(samples)), n_updates - 1
+        alpha = ddt.alpha
+        for update in range(n_updates):
+            progress = update / max(n_updates - 1, 1)
+            if settings.alpha_final is not None:
+                ddt.alpha = alpha * (settings.alpha_final / alpha) ** progress
+            learner.set_entropy_coeff(progress)
             samples = source.collect(actor, settings.update_timesteps)
             record = learner.update(samples, record)
             if record.failure is not None:
                 ddt.load_state_dict(before)
                 break
+            after_update()
     return record
+
+
+def _spread(observation: Tensor) -> Tensor:
+    """Return [D], the standard deviation of each feature over samples [T, D]; 1 where it tells nothing."""
+    spread = observation.double().std(0)
+    # A feature that never moved has no scale of its own, and neither has one that is not a number.
+    return torch.where(spread.isfinite() & (spread > 0), spread, 1.0).float()
 
 
 @contextmanager
@@ -155,9 +195,15 @@ class _Learner:
     """Actor, critic, loss and optimiser of one training."""
 
     def __init__(
-        self, ddt: DDT, actor: ProbabilisticActor, critic: ValueOperator, settings: PPOSettings
+        self,
+        ddt: DDT,
+        actor: ProbabilisticActor,
+        critic: ValueOperator,
+        settings: PPOSettings,
+        generator: torch.Generator,
     ) -> None:
-        self._epochs = settings.epochs
+        self._settings = settings
+        self._generator = generator
         self._steps = 0
         self._advantages = make_advantages(critic, settings.gamma, settings.gae_lambda)
         self._loss = ClipPPOLoss(
@@ -171,13 +217,20 @@ class _Learner:
             functional=False,
         )
         self._parameters = [*ddt.parameters(), *critic.parameters()]
-        self._optimizer = torch.optim.RMSprop(
+        self._optimizer = _OPTIMIZERS[settings.optimizer](
             [
-                {"params": list(ddt.parameters()), "lr": settings.lr_actor},
+                {"params": [ddt.threshold], "lr": settings.lr_thresholds or settings.lr_actor},
+                {"params": [ddt.leaf_logits], "lr": settings.lr_actor},
                 {"params": list(critic.parameters()), "lr": settings.lr_critic},
             ],
             foreach=True,
         )
+
+    def set_entropy_coeff(self, progress: float) -> None:
+        """Set the weight of the entropy bonus for an update, by its place among all from 0 to 1."""
+        first, last = self._settings.entropy_coeff, self._settings.entropy_final
+        if last is not None:
+            self._loss.entropy_coeff.fill_(first + (last - first) * progress)
 
     def update(self, samples: TensorDict, record: TrainingRecord) -> TrainingRecord:
         """Train on one batch [T]; return the record that goes on from `record`."""
@@ -210,12 +263,21 @@ class _Learner:
         _require_finite("an observation", [samples["observation"], samples["next", "observation"]])
         _require_finite("a reward", [samples["next", "reward"]])
         batch = self._advantages(samples).select(*_BATCH_KEYS)
-        for _ in range(self._epochs):
-            losses = self._step(batch)
+        for _ in range(self._settings.epochs):
+            for minibatch in self._minibatches(batch):
+                losses = self._step(minibatch)
         return losses
 
+    def _minibatches(self, batch: TensorDict) -> list[TensorDict]:
+        size = self._settings.minibatch_size
+        if size is None or size >= len(batch):
+            return [batch]
+        # What does not fill a minibatch goes to the others: one sample alone has no advantage to be normalised by.
+        shuffled = torch.randperm(len(batch), generator=self._generator)
+        return [batch[rows] for rows in shuffled.tensor_split(len(batch) // size)]
+
     def _step(self, batch: TensorDict) -> TensorDict:
-        """Take one gradient step on all samples; return the losses before it."""
+        """Take one gradient step on these samples; return the losses before it."""
         losses: TensorDict = self._loss(batch)
         total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
         _require_finite("the loss", [total])

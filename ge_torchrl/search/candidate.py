@@ -78,3 +78,37 @@ def choose_candidate(
         individual = int(rng.integers(population_size))
         redraws += 1
     return Candidate(individual, chosen, redraws)
+
+
+def choose_candidates(
+    fitness: Fitness,
+    n_nodes: NDArray[np.int64],
+    eligibility: Eligibility,
+    best_probability: float,
+    n_candidates: int,
+    rng: np.random.Generator,
+) -> list[Candidate]:
+    """Choose the first candidate as `choose_candidate` does, the others at random among all that may be refined.
+
+    Args:
+        fitness: [P] float64.
+        n_nodes: [P] int64, nodes of each tree.
+        eligibility: What is rejected.
+        best_probability: Probability that the first draw is the best tree.
+        n_candidates: How many different individuals to choose; fewer are chosen where fewer may be refined.
+        rng: Source of randomness.
+
+    Returns:
+        At least one; the first has no individual where none was found, and is then the only one.
+    """
+    first = choose_candidate(fitness, n_nodes, eligibility, best_probability, rng)
+    if first.individual is None or n_candidates == 1:
+        return [first]
+    others = [
+        individual
+        for individual in range(len(fitness))
+        if individual != first.individual
+        and eligibility.admits(int(n_nodes[individual]), float(fitness[individual]))
+    ]
+    drawn = rng.choice(others, size=min(n_candidates - 1, len(others)), replace=False) if others else ()
+    return [first, *(Candidate(int(individual), "random", 0) for individual in drawn)]

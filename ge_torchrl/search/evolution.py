@@ -32,6 +32,7 @@ class Generation:
         codons: [P, K] int32, the population after replacement.
         fitness: [P] float64, as each individual was last measured.
         decision_nodes: [P] int64, of each individual's tree without what no state can reach; 0 where there is none.
+        seeds: [E] int64, the training episodes of this generation.
         n_born: Individuals made in this generation.
         n_invalid: Those of them without a tree.
         env_steps: Environment steps of this generation.
@@ -43,6 +44,7 @@ class Generation:
     codons: Codons
     fitness: Fitness
     decision_nodes: NDArray[np.int64]
+    seeds: NDArray[np.int64]
     n_born: int
     n_invalid: int
     env_steps: int
@@ -77,58 +79,71 @@ class Evolution:
 
     def generations(self) -> Iterator[Generation]:
         """Yield generation after generation, without end; the caller decides when to stop."""
-        current = self._first()
-        yield current
+        current = self.first()
         while True:
-            current = self._next(current)
             yield current
+            current = self.after(current)
 
     def warm_up(self) -> None:
         """Load or compile every kernel, so that a clock started afterwards measures evolution."""
         codons = np.zeros((1, self.settings.genotype_length), np.int32)
         self.map(mutate_uniform(codons, np.zeros(1, np.int64), 0.5, 1.0, np.random.default_rng(0)))
         leaf = Forest.stack([DecisionTree.leaf(0)])
-        self._decision_nodes(leaf)
+        self.decision_nodes(leaf)
         self.route.evaluate(leaf, np.zeros(1, np.int64))
 
     def map(self, codons: Codons) -> Mapping:
         """Map genotypes [P, K] to their trees."""
         return map_population(codons, self.tables, self.settings.wraps)
 
-    def _decision_nodes(self, forest: Forest) -> NDArray[np.int64]:
+    def decision_nodes(self, forest: Forest) -> NDArray[np.int64]:
+        """Return [P], the decision nodes of each tree without what no state can reach."""
         # A tree has one leaf more than decision nodes.
         return simplify_forest(forest, self.route.spec.low, self.route.spec.high).sizes // 2
 
-    def _measure(self, forest: Forest, seeds: NDArray[np.int64]) -> Measurement:
+    def measure(self, forest: Forest, seeds: NDArray[np.int64]) -> Measurement:
+        """Measure the fitness of every tree on these episodes."""
         return measure(self.route, forest, seeds, self.std_penalty)
 
-    def _first(self) -> Generation:
+    def first(self) -> Generation:
+        """Return the random first generation."""
         clock = _Clock()
         codons = random_population(self.settings.population_size, self.settings.genotype_length, self.rng)
         mapping = self.map(codons)
-        sizes = self._decision_nodes(mapping.forest)
+        sizes = self.decision_nodes(mapping.forest)
         clock.variation_ends()
-        measured = self._measure(mapping.forest, self.episodes.next_generation())
+        seeds = self.episodes.next_generation()
+        measured = self.measure(mapping.forest, seeds)
         clock.evaluation_ends()
         invalid = _n_invalid(mapping)
         return Generation(
-            0, codons, measured.fitness, sizes, len(codons), invalid, measured.env_steps, *clock.seconds
+            index=0,
+            codons=codons,
+            fitness=measured.fitness,
+            decision_nodes=sizes,
+            seeds=seeds,
+            n_born=len(codons),
+            n_invalid=invalid,
+            env_steps=measured.env_steps,
+            evaluation_seconds=clock.evaluation,
+            variation_seconds=clock.variation,
         )
 
-    def _next(self, current: Generation) -> Generation:
+    def after(self, current: Generation) -> Generation:
+        """Return the generation that follows; `current` may be one that the caller has edited."""
         clock = _Clock()
         old = _Individuals(current.codons, current.fitness, current.decision_nodes)
         parents = self._select(old)
         offspring = self._vary(current.codons, parents)
         mapping = self.map(offspring)
-        sizes = self._decision_nodes(mapping.forest)
+        sizes = self.decision_nodes(mapping.forest)
         old_forest = self.map(current.codons).forest if self.episodes.remeasures_parents else None
         clock.variation_ends()
         seeds = self.episodes.next_generation()
-        measured = self._measure(mapping.forest, seeds)
+        measured = self.measure(mapping.forest, seeds)
         env_steps = measured.env_steps
         if old_forest is not None:
-            remeasured = self._measure(old_forest, seeds)
+            remeasured = self.measure(old_forest, seeds)
             env_steps += remeasured.env_steps
             old = replace(old, fitness=remeasured.fitness)
         clock.evaluation_ends()
@@ -139,11 +154,12 @@ class Evolution:
             codons=now.codons,
             fitness=now.fitness,
             decision_nodes=now.decision_nodes,
+            seeds=seeds,
             n_born=len(offspring),
             n_invalid=_n_invalid(mapping),
             env_steps=env_steps,
-            evaluation_seconds=clock.seconds[0],
-            variation_seconds=clock.seconds[1],
+            evaluation_seconds=clock.evaluation,
+            variation_seconds=clock.variation,
         )
 
     def _select(self, old: _Individuals) -> NDArray[np.int64]:
@@ -222,7 +238,7 @@ class _Clock:
 
     def __init__(self) -> None:
         self._last = time.perf_counter()
-        self._evaluation = self._variation = 0.0
+        self.evaluation = self.variation = 0.0
 
     def _lap(self) -> float:
         now = time.perf_counter()
@@ -230,11 +246,7 @@ class _Clock:
         return elapsed
 
     def evaluation_ends(self) -> None:
-        self._evaluation += self._lap()
+        self.evaluation += self._lap()
 
     def variation_ends(self) -> None:
-        self._variation += self._lap()
-
-    @property
-    def seconds(self) -> tuple[float, float]:
-        return self._evaluation, self._variation
+        self.variation += self._lap()

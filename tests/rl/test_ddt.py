@@ -140,7 +140,7 @@ def test_alpha_may_be_changed():
     assert np.exp(log_probabilities(ddt, observed))[0, 2] == pytest.approx(1)
     ddt.alpha = 1.0
     assert np.exp(log_probabilities(ddt, observed))[0, 2] == pytest.approx(1 / (1 + np.exp(-0.25)))
-    assert ddt.arrays().alpha == 1.0
+    assert ddt.arrays().alpha.tolist() == [1.0] * TREE.n_nodes
 
 
 def test_one_observation_and_a_batch_of_batches_give_the_same():
@@ -164,3 +164,22 @@ def test_arrays_hold_the_trained_tree():
 def test_only_thresholds_and_leaves_are_trained():
     ddt = DDT(TREE, torch.zeros(3, 3))
     assert {name for name, _ in ddt.named_parameters()} == {"threshold", "leaf_logits"}
+
+
+@given(st.data(), st.sampled_from([0.5, 20.0]))
+def test_a_standardised_tree_is_the_same_hard_tree_with_decisions_as_steep_as_its_features_are_narrow(
+    data, alpha
+):
+    tree = data.draw(renumbered_trees())
+    observed = data.draw(observations(tree))
+    spread = torch.tensor([2.0 ** (j % 5 - 2) for j in range(observed.shape[1])])
+    ddt = soften(tree, 3, alpha=alpha, generator=generator())
+    leaves = harden(ddt).action
+    ddt.standardise(spread)
+    np.testing.assert_array_equal(harden(ddt).threshold, tree.threshold)
+    np.testing.assert_array_equal(harden(ddt).action, leaves)
+    steepness = ddt.arrays().alpha
+    decisions = ~tree.is_leaf
+    np.testing.assert_array_equal(steepness[decisions], alpha / spread.numpy()[tree.feature[decisions]])
+    expected = [mixture(tree, leaf_probabilities(ddt), steepness, x) for x in observed]
+    np.testing.assert_allclose(np.exp(log_probabilities(ddt, observed)), expected, atol=2e-5)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from soft_trees_for_tests import calibration
 from strategies import observed_trees
 
 from ge_torchrl.environments.dynamics import DYNAMICS
@@ -188,3 +189,20 @@ def test_actions_that_do_not_count_from_0_are_refused():
     spec = replace(describe("CartPole-v1"), first_action=5)
     with pytest.raises(EnvironmentFaultError, match="start at 5"):
         open_source(spec, "collector", rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_samples_of_a_standardised_tree_agree_with_its_log_probabilities(source):
+    spec = describe("CartPole-v1", max_episode_steps=LIMIT)
+    actor = actor_of(BALANCING, spec, leaf_scale=3.0, alpha=2.0)
+    blunt = collect(spec, source, actor, 1500)
+    ddt_of(actor).standardise(torch.tensor([1.0, 1.0, 0.05, 0.5]))
+    samples = collect(spec, source, actor, 1500)
+
+    def misfit(samples):
+        with torch.no_grad():
+            probabilities = ddt_of(actor)(samples["observation"]).double().exp().numpy()
+        return calibration(samples["observation"].double().numpy(), samples["action"].numpy(), probabilities)
+
+    assert misfit(samples) < 4
+    assert misfit(blunt) > 5, "the samples before are those of another policy"

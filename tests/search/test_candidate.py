@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidate
+from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidate, choose_candidates
 
 CARTPOLE = Eligibility(solved_at=475.0, lowest_fitness=None)
 MOUNTAIN_CAR = Eligibility(solved_at=-110.0, lowest_fitness=-200.0)
@@ -76,3 +76,22 @@ def test_half_of_the_first_draws_are_the_best():
         choose_candidate(np.arange(10.0), np.full(10, 5), CARTPOLE, 0.5, rng).chosen for _ in range(2000)
     ]
     assert abs(chosen.count("best") - 1000) <= 4 * np.sqrt(500)
+
+
+@pytest.mark.parametrize(("n_candidates", "n_chosen"), [(1, 1), (2, 2), (24, 24), (30, 24)])
+def test_further_candidates_are_random_different_and_admitted(n_candidates, n_chosen):
+    # Of every five individuals the second (a leaf) and the last (it solves) are out.
+    fitness, n_nodes = np.tile([10.0, 9.0, 30.0, 20.0, 500.0], 8), np.tile([5, 1, 5, 5, 5], 8)
+    for seed in range(20):
+        rng, same = np.random.default_rng(seed), np.random.default_rng(seed)
+        chosen = choose_candidates(fitness, n_nodes, CARTPOLE, 0.5, n_candidates, rng)
+        assert chosen[0] == choose_candidate(fitness, n_nodes, CARTPOLE, 0.5, same)
+        individuals = [candidate.individual for candidate in chosen]
+        assert len(set(individuals)) == len(individuals) == n_chosen
+        assert {individual % 5 for individual in individuals} <= {0, 2, 3}
+
+
+def test_where_nobody_is_admitted_there_is_one_candidate_without_an_individual():
+    rng = np.random.default_rng(0)
+    (chosen,) = choose_candidates(np.array([9.0, 9.0]), np.array([1, 1]), CARTPOLE, 0.5, 3, rng)
+    assert chosen.individual is None

@@ -1,14 +1,16 @@
 """Tree -> DDT -> PPO -> tree, with little PPO."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import describe
+from ge_torchrl.refinement_section import PPOConfig
 from ge_torchrl.rl.ppo import TrainingRecord
 from ge_torchrl.search import refinement
-from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED, Refiner
-from ge_torchrl.sections import PPOConfig
+from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED, Refiner, Snapshots
 from ge_torchrl.trees.decision_tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
@@ -56,7 +58,7 @@ def test_enough_ppo_mends_wrong_leaves(route):
 
 
 def test_a_failed_training_keeps_the_tree(route, monkeypatch):
-    def broken(ddt, source, settings, seed):  # noqa: ARG001
+    def broken(ddt, source, settings, seed, after_update):  # noqa: ARG001
         ddt.threshold.data.fill_(float("nan"))
         return TrainingRecord(timesteps=200, failure="the loss is not finite in update 1")
 
@@ -66,3 +68,40 @@ def test_a_failed_training_keeps_the_tree(route, monkeypatch):
     assert not refined.is_improved
     assert refined.tree == WRONG
     assert refined.return_before == refined.return_after
+
+
+def test_with_snapshots_the_best_hard_tree_comes_back_and_without_the_last(route):
+    good = split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
+    for seeds, expected in ((np.arange(10), good), (np.arange(0), leaf(0))):
+        snapshots = Snapshots(route, WRONG, seeds)
+        assert snapshots.chosen == WRONG
+        for tree in (leaf(1), good, leaf(0)):
+            snapshots.look_at(tree)
+        assert snapshots.chosen == expected
+        assert (snapshots.env_steps > 0) == (len(seeds) > 0)
+
+
+def test_a_training_that_only_harms_brings_back_the_tree_as_it_was(route):
+    good = split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
+    harmful = replace(LITTLE, lr_actor=10.0)
+    assert Refiner(route, harmful, seed=0).refine(good, generation=40).return_after < 300
+    refined = Refiner(route, replace(harmful, snapshot_episodes=50), seed=0).refine(good, generation=40)
+    assert refined.tree == good
+    assert refined.outcome == NOT_IMPROVED
+
+
+def test_snapshots_watch_and_do_not_disturb_the_training(route):
+    plain, watched = (
+        Refiner(route, replace(LITTLE, snapshot_episodes=n), seed=3).refine(WRONG, generation=40)
+        for n in (0, 5)
+    )
+    assert plain.training == watched.training
+    assert plain.return_before == watched.return_before
+    assert watched.env_steps > plain.env_steps
+
+
+def test_another_attempt_in_the_same_generation_draws_other_numbers(route):
+    one, two = (
+        Refiner(route, LITTLE, seed=3).refine(WRONG, generation=40, attempt=attempt) for attempt in (0, 1)
+    )
+    assert one.training != two.training

@@ -1,0 +1,165 @@
+"""The settings of refinement: frozen records whose types and ranges are checked where they are made."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from ge_torchrl.checks import (
+    check_choice,
+    check_flag,
+    check_integer,
+    check_integers,
+    check_number,
+    check_probability,
+    check_text,
+    refuse,
+)
+
+
+@dataclass(frozen=True)
+class ScheduleConfig:
+    """In which generations a tree is refined.
+
+    Attributes:
+        every: After every so many generations, counted from 0 and not in generation 0; or None.
+        generations: In exactly these, whatever `every` says; empty leaves it to `every`.
+    """
+
+    SECTION: ClassVar[str] = "ppo.schedule"
+
+    every: int | None = None
+    generations: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_integer(self, "every", 1, "it counts generations", optional=True)
+        check_integers(self, "generations", 1, "generation 0 is random and not refined")
+
+    def applies_to(self, generation: int) -> bool:
+        """Tell whether a tree is refined in this generation."""
+        if self.generations:
+            return generation in self.generations
+        return self.every is not None and generation > 0 and generation % self.every == 0
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Refinement of trees by PPO.
+
+    Attributes:
+        name: "none" for grammatical evolution alone; any other name is what reports call the method.
+        method: "ppo", or "cmaes": the same budget without gradients.
+        schedule: When a tree is refined.
+        best_probability: Probability that the best tree is chosen, else a random one.
+        measuring_episodes: Unseen episodes that measure a tree before and after its refinement.
+        alpha: Steepness of the soft decisions.
+        leaf_sd: Standard deviation of the noise on the leaves of a softened tree.
+        max_timesteps: Environment steps of one refinement.
+        update_timesteps: Environment steps between updates.
+        epochs: Gradient steps on the samples of each update.
+        clip_epsilon: Clipping of the probability ratio.
+        gamma: Discount factor.
+        gae_lambda: Decay of generalised advantage estimation; inferred.
+        lr_actor: Learning rate of the tree.
+        lr_critic: Learning rate of the critic.
+        entropy_coeff: Weight of the entropy bonus; inferred.
+        critic_coeff: Weight of the value loss; inferred.
+        critic_hidden: Widths of the critic's hidden layers; inferred.
+        source: Where samples come from: "collector" (TorchRL's, every environment), "fused" (compiled, where
+            there are compiled dynamics), or "auto": fused where possible.
+        scale_features: Whether steepness and learning rate of a threshold count in units of its feature's
+            standard deviation over a first batch of samples; `alpha` then wants to be far smaller.
+        alpha_final: Steepness in the last update, reached geometrically from `alpha`; None keeps `alpha`.
+        lr_thresholds: Learning rate of the thresholds; None takes `lr_actor`.
+        optimizer: "rmsprop", as in the thesis, or "adam".
+        minibatch_size: Samples of a gradient step; None takes all samples of an update.
+        entropy_final: Weight of the entropy bonus in the last update, reached linearly; None keeps
+            `entropy_coeff`.
+        cmaes_episodes: Episodes that each tree is measured on by CMA-ES.
+        cmaes_seconds: Clock time of one refinement by CMA-ES, instead of `max_timesteps`; None counts steps. By
+            the clock two runs of one seed differ.
+        candidates: Trees refined in a scheduled generation, one after another; those after the first are random.
+        write_back: Whether a refined tree, snapped to the grammar's constants, takes its source's place in the
+            population if it is fitter there. The thesis keeps refined trees apart.
+        snapshot_episodes: Episodes on which the hard tree is scored after every update, so that the best one
+            comes back; 0 brings back the last one, as in the thesis.
+    """
+
+    SECTION: ClassVar[str] = "ppo"
+
+    name: str = "none"
+    method: str = "ppo"
+    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    best_probability: float = 0.5
+    measuring_episodes: int = 50
+    alpha: float = 1000.0
+    leaf_sd: float = 0.1
+    max_timesteps: int = 100_000
+    update_timesteps: int = 3000
+    epochs: int = 60
+    clip_epsilon: float = 0.2
+    gamma: float = 0.95
+    gae_lambda: float = 0.95
+    lr_actor: float = 0.001
+    lr_critic: float = 0.001
+    entropy_coeff: float = 0.01
+    critic_coeff: float = 0.5
+    critic_hidden: tuple[int, ...] = (64, 64)
+    source: str = "auto"
+    scale_features: bool = False
+    alpha_final: float | None = None
+    lr_thresholds: float | None = None
+    optimizer: str = "rmsprop"
+    minibatch_size: int | None = None
+    entropy_final: float | None = None
+    cmaes_episodes: int = 5
+    cmaes_seconds: float | None = None
+    candidates: int = 1
+    write_back: bool = False
+    snapshot_episodes: int = 0
+
+    def __post_init__(self) -> None:
+        check_text(self, "name", "none, or the name of a method")
+        if not isinstance(self.schedule, ScheduleConfig):
+            refuse(self, "schedule", "a ScheduleConfig")
+        check_probability(self, "best_probability")
+        check_integer(self, "measuring_episodes", 1, "a return is a mean over episodes")
+        check_number(self, "alpha", above=0.0)
+        check_number(self, "leaf_sd", at_least=0.0)
+        check_integer(self, "max_timesteps", 1, "PPO learns from samples")
+        check_integer(self, "update_timesteps", 2, "PPO learns from samples")
+        if self.update_timesteps > self.max_timesteps:
+            refuse(self, "update_timesteps", f"at most ppo.max_timesteps, {self.max_timesteps}")
+        check_integer(self, "epochs", 1, "an update is at least one gradient step")
+        check_number(self, "clip_epsilon", above=0.0)
+        check_probability(self, "gamma", "it is a discount factor")
+        check_probability(self, "gae_lambda", "it is a decay")
+        for name in ("lr_actor", "lr_critic"):
+            check_number(self, name, above=0.0)
+        for name in ("entropy_coeff", "critic_coeff"):
+            check_number(self, name, at_least=0.0)
+        check_integers(self, "critic_hidden", 1, "it counts units of a layer")
+        check_choice(self, "source", ("auto", "collector", "fused"))
+        check_choice(self, "method", ("ppo", "cmaes"))
+        check_integer(self, "cmaes_episodes", 1, "a return is a mean over episodes")
+        check_number(self, "cmaes_seconds", above=0.0, optional=True)
+        self._check_gradients()
+        check_integer(self, "candidates", 1, "an application refines at least one tree")
+        check_flag(self, "write_back")
+        check_integer(self, "snapshot_episodes", 0, "it counts episodes; 0 takes the last tree")
+
+    def _check_gradients(self) -> None:
+        check_flag(self, "scale_features")
+        if self.scale_features and self.max_timesteps < 2 * self.update_timesteps:
+            expected = "false where ppo.max_timesteps is less than two of ppo.update_timesteps"
+            refuse(self, "scale_features", expected, "the first batch of samples only measures the features")
+        for name in ("alpha_final", "lr_thresholds"):
+            check_number(self, name, above=0.0, optional=True)
+        check_choice(self, "optimizer", ("rmsprop", "adam"))
+        check_integer(
+            self, "minibatch_size", 2, "advantages are normalised by their deviation", optional=True
+        )
+        check_number(self, "entropy_final", at_least=0.0, optional=True)
+
+    @property
+    def enabled(self) -> bool:
+        """Whether there is any refinement."""
+        return self.name != "none"
