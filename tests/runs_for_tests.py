@@ -1,0 +1,47 @@
+"""Whole runs on a small scale."""
+
+import io
+import json
+
+from rich.console import Console
+
+from ge_torchrl import experiment
+from ge_torchrl.config import Config
+from ge_torchrl.records import CLOCK_FIELDS
+
+BNF = """
+<if>        ::= if <condition> then <action> else <action>
+<condition> ::= lt(theta, <constant>) | lt(theta_dot, <constant>)
+<action>    ::= left | right | <if>
+<constant>  ::= [-0.5, 0.5] step 0.01
+"""
+
+
+def config(seed=0, **sections):
+    values = {
+        "env": {
+            "id": "CartPole-v1",
+            "features": ["x", "x_dot", "theta", "theta_dot"],
+            "units": ["m", "m/s", "rad", "rad/s"],
+            "actions": ["left", "right"],
+            "solved_at": 475,
+        },
+        "grammar": {"name": "test", "bnf": BNF},
+        "ge": {"population_size": 40, "generations": 15, "genotype_length": 40, "gene_probability": 0.1},
+        "evaluation": {"episodes": 5, "validation_episodes": 30, "test_episodes": 20},
+        "seed": seed,
+    }
+    for name, changes in sections.items():
+        values[name] = {**values[name], **changes}
+    return Config.from_mapping(values)
+
+
+def run(config, folder):
+    output = io.StringIO()
+    summary = experiment.run(config, folder, Console(file=output, width=200))
+    return summary, output.getvalue()
+
+
+def without_clock(path):
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    return [{key: value for key, value in line.items() if key not in CLOCK_FIELDS} for line in lines]
