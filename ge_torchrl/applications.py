@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ge_torchrl.config import Config
 from ge_torchrl.records import RefinementRecord
@@ -13,14 +12,11 @@ from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidate
 from ge_torchrl.search.champion import REFINEMENT, Contender
 from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.fitness import measure
+from ge_torchrl.search.refinement import Refinement, RefinesTrees, refine, stream_name
 from ge_torchrl.search.write_back import write_back
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
-
-if TYPE_CHECKING:
-    # At run time only where PPO is asked for: it imports torch.
-    from ge_torchrl.search.refinement import Refinement, RefinesTrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +26,7 @@ class Applied:
     Attributes:
         record: What to tell.
         generation: The generation after write-back.
-        refined: The refined tree if it is better than before, else nothing.
+        refined: The refined tree if it is better than before, snapped where it is so too; else nothing.
         refinements: 1, or 0 where no candidate was found.
         seconds: Clock time.
         env_steps: Environment steps, those of write-back included.
@@ -66,16 +62,20 @@ def apply(
         generation.fitness,
         mapping.forest.sizes,
         Eligibility(evolution.route.spec.solved_at, config.env.lowest_fitness_excluded),
-        config.ppo.best_probability,
-        config.ppo.candidates,
+        config.refiner.best_probability,
+        config.refiner.candidates,
         stream(config.seed, f"candidate in generation {generation.index}"),
     )
+    chance = stream(config.seed, f"chance of refinement in generation {generation.index}")
     for attempt, candidate in enumerate(candidates):
+        if chance.random() >= config.refiner.probability:
+            continue
         if candidate.individual is None:
             yield Applied(RefinementRecord(generation.index, "skipped", candidate.redraws), generation)
             continue
         tree = mapping.forest.tree(candidate.individual)
-        refinement = refiner.refine(tree, generation.index, attempt)
+        name = stream_name(generation.index, attempt)
+        refinement = refine(refiner, evolution.route, tree, config.refiner, config.seed, name)
         applied = _settle(config, evolution, generation, candidate, tree, refinement, best)
         generation = applied.generation
         best = max([best, *(contender.fitness for contender in applied.refined)])
@@ -94,12 +94,16 @@ def _settle(
     """Write a refined tree back, if that is asked for and there is one, and record what happened."""
     individual = candidate.individual
     after, return_snapped, env_steps = generation, None, refinement.env_steps
-    if config.ppo.write_back and individual is not None and refinement.training.failure is None:
+    refined = Contender(refinement.tree, refinement.return_after, REFINEMENT)
+    if config.refiner.write_back and individual is not None and refinement.training.failure is None:
         written = write_back(evolution, generation, individual, refinement.tree)
         after, env_steps = written.generation, env_steps + written.env_steps
         if written.tree is not None:
             snapped = measure(evolution.route, Forest.stack([written.tree]), refinement.measuring_seeds)
             return_snapped, env_steps = float(snapped.fitness[0]), env_steps + snapped.env_steps
+            if return_snapped > refinement.return_before:
+                # What the grammar can say is what a person reads with ease.
+                refined = Contender(written.tree, return_snapped, REFINEMENT)
     return Applied(
         record=_record(
             generation,
@@ -111,7 +115,7 @@ def _settle(
             written_back=after is not generation,
         ),
         generation=after,
-        refined=(Contender(refinement.tree, refinement.return_after, REFINEMENT),) * refinement.is_improved,
+        refined=(refined,) * refinement.is_improved,
         refinements=1,
         seconds=refinement.seconds,
         env_steps=env_steps,

@@ -69,7 +69,7 @@ def conclude(
     if hall:
         winners = hall.choose_winners(champion, validation_seeds(config))
         outcomes = route.evaluate(Forest.stack([winner.tree for winner in winners.by_size]), test_seeds)
-        steps += hall.env_steps + winners.env_steps + outcomes.env_steps
+        steps += hall.env_steps - evolved.hall_env_steps + winners.env_steps + outcomes.env_steps
         best_by_size = _write_hall_of_fame(config, route.spec.labels, winners, outcomes, folder)
     summary = _summary(config, route.spec, evolved, champion, tested, _Effort(route.name, steps, started))
     told = {
@@ -134,6 +134,8 @@ def _summary(
         route=effort.route,
         solved_at=spec.solved_at,
         version=__version__,
+        explored=evolved.explored,
+        explore_seconds=evolved.explore_seconds,
     )
 
 

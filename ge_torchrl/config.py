@@ -1,6 +1,6 @@
 """The settings of a run as one frozen record, and the keys that users know it by.
 
-What is allowed stands in `sections` and `refinement_section` and nowhere else, so a command line, a file and a
+What is allowed stands in `sections` and `refiner_section` and nowhere else, so a command line, a file and a
 Python program are told the same things in the same words. A message names the full key, such as `ge.population_size`.
 """
 
@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 
 from ge_torchrl.checks import UNSET, check_integer, refuse
 from ge_torchrl.errors import ConfigError
-from ge_torchrl.refinement_section import PPOConfig
-from ge_torchrl.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
+from ge_torchrl.refiner_section import RefinerConfig
+from ge_torchrl.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig, HallOfFameConfig
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Config:
         grammar: The grammar.
         ge: Grammatical evolution.
         evaluation: Measuring trees.
-        ppo: Refinement by PPO.
+        refiner: Refinement of trees.
+        hall_of_fame: The best trees of each size.
         seed: The one seed from which all randomness of the run follows.
     """
 
@@ -34,7 +35,8 @@ class Config:
     grammar: GrammarConfig
     ge: GEConfig
     evaluation: EvaluationConfig
-    ppo: PPOConfig = field(default_factory=PPOConfig)
+    refiner: RefinerConfig = field(default_factory=RefinerConfig)
+    hall_of_fame: HallOfFameConfig = field(default_factory=HallOfFameConfig)
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -42,6 +44,13 @@ class Config:
             if not isinstance(getattr(self, name), section):
                 refuse(self, name, f"a {section.__name__}")
         check_integer(self, "seed", 0, "seeds of random numbers are not negative")
+        if self.hall_of_fame.migrants >= self.ge.population_size:
+            refuse(
+                self.hall_of_fame,
+                "migrants",
+                f"less than ge.population_size, {self.ge.population_size}",
+                "they join the population",
+            )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "Config":
@@ -67,7 +76,14 @@ class Config:
 
 _SECTIONS: dict[str, type[Any]] = {
     section.SECTION: section
-    for section in (EnvironmentConfig, GrammarConfig, GEConfig, EvaluationConfig, PPOConfig)
+    for section in (
+        EnvironmentConfig,
+        GrammarConfig,
+        GEConfig,
+        EvaluationConfig,
+        RefinerConfig,
+        HallOfFameConfig,
+    )
 }
 
 

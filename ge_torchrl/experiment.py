@@ -27,6 +27,7 @@ from ge_torchrl.records import Summary
 from ge_torchrl.report.closing import closing_text
 from ge_torchrl.report.progress import Progress
 from ge_torchrl.search.evolution import Evolution
+from ge_torchrl.search.exploration import Explorer
 from ge_torchrl.search.fitness import TrainingEpisodes
 from ge_torchrl.search.hall_of_fame import HallOfFame, open_hall_of_fame
 from ge_torchrl.seeding import stream
@@ -60,9 +61,9 @@ def plan(config: Config) -> Plan:
         GrammarError: The grammar text breaks a rule.
         ConfigError: The method of refinement is not installed.
     """
-    if config.ppo.enabled and config.ppo.method == "cmaes" and find_spec("cma") is None:
+    if config.refiner.enabled and config.refiner.method == "cmaes" and find_spec("cma") is None:
         raise ConfigError(
-            'ppo.method must be ppo where pycma is missing; got cmaes (pip install "ge-torchrl[cmaes]")'
+            'refiner.method must be ppo where pycma is missing; got cmaes (pip install "ge-torchrl[cmaes]")'
         )
     env = config.env
     spec = describe(env.id, env.features, env.units, env.actions, env.solved_at, env.max_episode_steps)
@@ -135,10 +136,15 @@ def _evolve(
         history = open_files.enter_context(folder.history_writer())
         progress = open_files.enter_context(Progress(console, config.ge.generations))
         loop = GenerationLoop(config, evolution, _each(history.write, progress.show), hall)
-        if config.ppo.enabled:
+        if config.refiner.enabled:
             refinements = open_files.enter_context(folder.refinements_writer())
             refiner = _make_refiner(config, evolution.route)
             loop.refine_with(refiner, _each(refinements.write, progress.show_refinement))
+            if hall is not None:
+                snaps = config.refiner.write_back
+                loop.explore_with(
+                    Explorer(config.hall_of_fame, evolution, hall, refiner, config.seed, snaps=snaps)
+                )
         try:
             return loop.run()
         except EnvironmentFaultError as fault:
@@ -160,10 +166,10 @@ def _each(*receivers: Callable[[_Record], None]) -> Callable[[_Record], None]:
 
 def _make_refiner(config: Config, route: Route) -> RefinesTrees:
     # torch takes two seconds to import, which grammatical evolution alone need not pay.
-    if config.ppo.method == "cmaes":
+    if config.refiner.method == "cmaes":
         from ge_torchrl.search.cmaes import CMAESRefiner
 
-        return CMAESRefiner(route, config.ppo, config.seed)
-    from ge_torchrl.search.refinement import Refiner
+        return CMAESRefiner(route, config.refiner.cmaes)
+    from ge_torchrl.search.ppo_refiner import PPORefiner
 
-    return Refiner(route, config.ppo, config.seed)
+    return PPORefiner(route, config.refiner.ppo)

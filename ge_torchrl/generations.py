@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,16 +13,14 @@ from ge_torchrl.config import Config
 from ge_torchrl.records import GenerationRecord, RefinementRecord
 from ge_torchrl.search.champion import Contender
 from ge_torchrl.search.evolution import Evolution, Generation
+from ge_torchrl.search.exploration import Explorer
 from ge_torchrl.search.fitness import measure
 from ge_torchrl.search.hall_of_fame import HallOfFame
+from ge_torchrl.search.refinement import RefinesTrees
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import simplify_exact
-
-if TYPE_CHECKING:
-    # At run time only where PPO is asked for: it imports torch.
-    from ge_torchrl.search.refinement import RefinesTrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +36,10 @@ class Evolved:
         refined: The refined trees that were better than before, in the order of their generations.
         refinements: Refinements applied.
         refine_seconds: Clock time of the refinements.
+        explored: Trees refined in exploring from the hall of fame.
+        explore_seconds: Clock time of exploring.
+        hall_env_steps: Environment steps of the hall of fame that `env_steps` includes: all where evolution profits
+            from it, else none.
         seconds: Clock time of everything.
     """
 
@@ -50,6 +51,9 @@ class Evolved:
     refined: tuple[Contender, ...]
     refinements: int
     refine_seconds: float
+    explored: int
+    explore_seconds: float
+    hall_env_steps: int
     seconds: float
 
     @property
@@ -74,6 +78,7 @@ class GenerationLoop:
     on_generation: Callable[[GenerationRecord], None]
     hall_of_fame: HallOfFame | None = None
     _refiner: RefinesTrees | None = field(default=None, init=False)
+    _explorer: Explorer | None = field(default=None, init=False)
     _on_refinement: Callable[[RefinementRecord], None] = field(default=lambda _: None, init=False)
     _evolved: Evolved | None = field(default=None, init=False)
     _n_offered: int = field(default=0, init=False)
@@ -88,6 +93,10 @@ class GenerationLoop:
         """Refine a tree in the scheduled generations, and call `on_refinement` with each record."""
         self._refiner, self._on_refinement = refiner, on_refinement
 
+    def explore_with(self, explorer: Explorer) -> None:
+        """Explore from the hall of fame in the scheduled generations."""
+        self._explorer = explorer
+
     def run(self) -> Evolved:
         """Run until something stops it; Ctrl-C keeps what was found so far.
 
@@ -101,18 +110,19 @@ class GenerationLoop:
             while True:
                 self._evolved = self._with(generation)
                 interrupted = self._refine(generation)
-                evolved = replace(self._evolved, seconds=time.perf_counter() - self._started)
+                self._offer(self._evolved.last)
+                interrupted = interrupted or self._explore(self._evolved.last)
+                evolved = self._counted(self._evolved)
                 observer.observe(evolved.last, evolved.refined)
                 self.on_generation(_record(evolved, observer.decision_nodes))
                 self._evolved = evolved
-                self._offer(evolved.last)
                 reason = (
                     "interrupt"
                     if interrupted
                     else _reason_to_stop(self.config, evolved, solved=observer.solved)
                 )
                 if reason is not None:
-                    return replace(evolved, stopped_by=reason)
+                    return self._finish(replace(evolved, stopped_by=reason))
                 # Not the generation as it was selected: refined trees may have been written back into it.
                 generation = self.evolution.after(evolved.last)
         except KeyboardInterrupt:
@@ -131,6 +141,9 @@ class GenerationLoop:
             refined=before.refined if before else (),
             refinements=before.refinements if before else 0,
             refine_seconds=before.refine_seconds if before else 0.0,
+            explored=before.explored if before else 0,
+            explore_seconds=before.explore_seconds if before else 0.0,
+            hall_env_steps=before.hall_env_steps if before else 0,
             seconds=time.perf_counter() - self._started,
         )
 
@@ -144,7 +157,7 @@ class GenerationLoop:
 
     def _refine(self, generation: Generation) -> bool:
         """Refine a tree if this generation is due; tell whether Ctrl-C broke it off."""
-        if self._refiner is None or not self.config.ppo.schedule.applies_to(generation.index):
+        if self._refiner is None or not self.config.refiner.schedule.applies_to(generation.index):
             return False
         try:
             for applied in apply(self._refiner, self.config, self.evolution, generation, self._best()):
@@ -153,6 +166,52 @@ class GenerationLoop:
         except KeyboardInterrupt:
             return True
         return False
+
+    def _explore(self, generation: Generation) -> bool:
+        """Explore if this generation is due; tell whether Ctrl-C broke it off."""
+        if self._explorer is None or not self.config.refiner.schedule.applies_to(generation.index):
+            return False
+        started = time.perf_counter()
+        try:
+            explored = self._explorer.explore(generation)
+        except KeyboardInterrupt:
+            return True
+        before = self._so_far()
+        self._evolved = replace(
+            before,
+            last=explored.generation,
+            explored=before.explored + explored.refined,
+            explore_seconds=before.explore_seconds + time.perf_counter() - started,
+            env_steps=before.env_steps + explored.env_steps,
+        )
+        return False
+
+    def _finish(self, evolved: Evolved) -> Evolved:
+        """Refine the kept trees once more, unless somebody waits; Ctrl-C leaves it."""
+        self._evolved = evolved
+        if self._explorer is None or evolved.stopped_by == "interrupt":
+            return evolved
+        started = time.perf_counter()
+        env_steps = self._explorer.finish(evolved.last.seeds)
+        return self._counted(
+            replace(
+                evolved,
+                env_steps=evolved.env_steps + env_steps,
+                explore_seconds=evolved.explore_seconds + time.perf_counter() - started,
+            )
+        )
+
+    def _counted(self, evolved: Evolved) -> Evolved:
+        """Bring the clock up to date, and the steps of the hall of fame where evolution profits from it."""
+        hall_env_steps = 0
+        if self._explorer is not None and self.hall_of_fame is not None:
+            hall_env_steps = self.hall_of_fame.env_steps
+        return replace(
+            evolved,
+            env_steps=evolved.env_steps + hall_env_steps - evolved.hall_env_steps,
+            hall_env_steps=hall_env_steps,
+            seconds=time.perf_counter() - self._started,
+        )
 
     def _best(self) -> float:
         evolved = self._so_far()
@@ -240,6 +299,7 @@ def _record(evolved: Evolved, best_decision_nodes: int | None) -> GenerationReco
         best_decision_nodes=best_decision_nodes,
         born=generation.n_born,
         invalid=generation.n_invalid,
+        explored=evolved.explored,
         env_steps=evolved.env_steps,
         elapsed_seconds=evolved.seconds,
         evaluation_seconds=generation.evaluation_seconds,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 # What the clock says differs from run to run; everything else is a function of configuration and seed (law 6).
@@ -13,6 +14,7 @@ CLOCK_FIELDS = frozenset(
         "evaluation_seconds",
         "variation_seconds",
         "refine_seconds",
+        "explore_seconds",
     }
 )
 
@@ -34,6 +36,7 @@ class GenerationRecord:
         elapsed_seconds: Clock time since the start of evolution.
         evaluation_seconds: Clock time of this generation's rollouts.
         variation_seconds: Clock time of its selection, variation and mapping.
+        explored: Trees refined so far in exploring from the hall of fame.
     """
 
     generation: int
@@ -48,6 +51,36 @@ class GenerationRecord:
     elapsed_seconds: float
     evaluation_seconds: float
     variation_seconds: float
+    explored: int = 0
+
+
+@dataclass(frozen=True)
+class TrainingRecord:
+    """What a refinement took; losses and their companions are those of the last gradient step, NaN before the first.
+
+    Attributes:
+        timesteps: Environment steps taken.
+        updates: Batches of samples trained on, or of trees measured.
+        gradient_steps: Gradient steps taken.
+        soft_return: Mean return of the episodes that ended in the last update with any; NaN if none ever ended.
+        actor_loss: Clipped surrogate, to be minimised.
+        critic_loss: Weighted squared error of the values.
+        entropy: Mean entropy of the actions, in nats.
+        clip_fraction: Share of samples whose ratio is clipped.
+        kl: Estimate of the divergence of the policy from the one that sampled.
+        failure: What was not finite, and when; None if nothing.
+    """
+
+    timesteps: int = 0
+    updates: int = 0
+    gradient_steps: int = 0
+    soft_return: float = math.nan
+    actor_loss: float = math.nan
+    critic_loss: float = math.nan
+    entropy: float = math.nan
+    clip_fraction: float = math.nan
+    kl: float = math.nan
+    failure: str | None = None
 
 
 @dataclass(frozen=True)
@@ -123,7 +156,7 @@ class HallOfFameRecord:
         validation_mean: Mean return on the validation episodes, which chose it among the trees of its size.
         test_mean: Mean return on the run's test episodes, which chose nothing.
         test_std: Standard deviation of these returns.
-        origin: "population", or "refinement" for a refined tree.
+        origin: "population", "refinement" for a refined individual, "neighbour" for a tree refined in exploring.
     """
 
     decision_nodes: int
@@ -156,10 +189,11 @@ class Summary:
         generations: Generations run, the first population included.
         stopped_by: "generations", "solved", "max_seconds", "max_env_steps" or "interrupt".
         env_steps: Environment steps of evolution and of refinements.
-        env_steps_total: With the hall of fame, validation, pruning and test.
+        env_steps_total: With the final refinements, the hall of fame, validation, pruning and test.
         refinements: Applications of PPO to a tree, skipped ones not counted.
         refinements_improved: Those that made the tree better on the same unseen episodes.
-        champion_from: "population", or "refinement" if the champion is a refined tree.
+        champion_from: "population", "refinement" if the champion is a refined individual, or "neighbour" if it is a
+            tree refined in exploring from the hall of fame.
         evolve_seconds: Clock time of evolution, refinements included.
         refine_seconds: Clock time of the refinements.
         wall_seconds: Clock time of the whole run.
@@ -167,6 +201,8 @@ class Summary:
         route: "compiled" or "gymnasium".
         solved_at: The threshold, or None.
         version: Of ge_torchrl.
+        explored: Trees refined in exploring from the hall of fame.
+        explore_seconds: Clock time of exploring, the final refinements included.
     """
 
     environment: str
@@ -195,3 +231,5 @@ class Summary:
     route: str
     solved_at: float | None
     version: str
+    explored: int = 0
+    explore_seconds: float = 0.0

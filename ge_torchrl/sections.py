@@ -160,10 +160,6 @@ class EvaluationConfig:
         validation_episodes: Episodes that choose among the champions and prune them.
         champion_candidates: Best individuals that validation chooses from.
         test_episodes: Unseen episodes of the final test.
-        hall_of_fame: Whether the best tree for each number of decision nodes is kept, tested and written.
-        archive_episodes: Episodes of its own that measure what is offered to the hall of fame.
-        archive_keep: Trees of each size that the hall of fame keeps until validation chooses among them.
-        archive_max_nodes: Decision nodes of its largest trees.
         threads: Threads of the compiled route; 0 takes all cores.
     """
 
@@ -175,10 +171,6 @@ class EvaluationConfig:
     validation_episodes: int = 100
     champion_candidates: int = 10
     test_episodes: int = 100
-    hall_of_fame: bool = False
-    archive_episodes: int = 200
-    archive_keep: int = 3
-    archive_max_nodes: int = 15
     threads: int = 0
 
     def __post_init__(self) -> None:
@@ -188,8 +180,51 @@ class EvaluationConfig:
         check_integer(self, "validation_episodes", 1, "validation is a mean over episodes")
         check_integer(self, "champion_candidates", 1, "a run ends with one champion")
         check_integer(self, "test_episodes", 1, "the test is a mean over episodes")
-        check_flag(self, "hall_of_fame")
-        check_integer(self, "archive_episodes", 1, "trees are kept by a mean over episodes")
-        check_integer(self, "archive_keep", 1, "the hall of fame has a tree of each size")
-        check_integer(self, "archive_max_nodes", 0, "a lone leaf has no decision node")
         check_integer(self, "threads", 0, "it counts threads; 0 takes all cores")
+
+
+@dataclass(frozen=True)
+class HallOfFameConfig:
+    """The best trees of each size: how they are kept, and how the search goes on from them.
+
+    In the generations of `refiner.schedule` the search goes on from kept trees as well as from the population: trees
+    one or two edits away from kept ones are refined (`neighbours`), kept trees are refined again with more episodes
+    (`revisits`), and kept trees return to the population (`migrants`).
+
+    Attributes:
+        enabled: Whether the best tree for each number of decision nodes is kept, tested and written.
+        episodes: Episodes of its own that measure what is offered.
+        keep: Trees of each size that are kept until validation chooses among them, each of another structure.
+        max_nodes: Decision nodes of the largest trees.
+        neighbours: Neighbours refined in a scheduled generation.
+        neighbours_drawn: Neighbours drawn and measured on the training episodes, from which they are chosen.
+        revisits: Kept trees refined again in a scheduled generation.
+        revisit_factor: How many times the refiner's episodes and steps such a refinement takes.
+        final_factor: Likewise for a last refinement of every kept tree, after evolution; 0 leaves it out.
+        migrants: Kept trees that take the places of the least fit individuals after a scheduled generation.
+    """
+
+    SECTION: ClassVar[str] = "hall_of_fame"
+
+    enabled: bool = False
+    episodes: int = 200
+    keep: int = 3
+    max_nodes: int = 15
+    neighbours: int = 0
+    neighbours_drawn: int = 500
+    revisits: int = 0
+    revisit_factor: int = 5
+    final_factor: int = 0
+    migrants: int = 0
+
+    def __post_init__(self) -> None:
+        check_flag(self, "enabled")
+        check_integer(self, "episodes", 1, "trees are kept by a mean over episodes")
+        check_integer(self, "keep", 1, "the hall of fame has a tree of each size")
+        check_integer(self, "max_nodes", 0, "a lone leaf has no decision node")
+        check_integer(self, "neighbours", 0, "it counts trees")
+        check_integer(self, "neighbours_drawn", 1, "neighbours are chosen among those drawn")
+        check_integer(self, "revisits", 0, "it counts trees")
+        check_integer(self, "revisit_factor", 1, "a revisit measures at least as well as a first refinement")
+        check_integer(self, "final_factor", 0, "it multiplies a budget; 0 leaves the last refinements out")
+        check_integer(self, "migrants", 0, "it counts individuals")

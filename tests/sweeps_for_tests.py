@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ge_torchrl.refinement_section import PPOConfig
 from records_for_tests import summary
 
 from ge_torchrl.artefacts import RunFolder
 from ge_torchrl.config import Config
 from ge_torchrl.records import GenerationRecord, HallOfFameRecord, RefinementRecord
-from ge_torchrl.refinement_section import PPOConfig
 from ge_torchrl.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.labels import TreeLabels

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from ge_torchrl.refinement_section import PPOConfig, ScheduleConfig
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ge_torchrl.config import Config, check_key, template
 from ge_torchrl.errors import ConfigError
-from ge_torchrl.refinement_section import PPOConfig, ScheduleConfig
 from ge_torchrl.sections import (
     EnvironmentConfig,
     EvaluationConfig,

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.dynamics import DYNAMICS, Starts
 from ge_torchrl.environments.rollouts import run_forest
-from ge_torchrl.environments.route import Outcomes
+from ge_torchrl.environments.route import Outcomes, Route
+from ge_torchrl.environments.soft_rollouts import SoftSampler, SoftTree
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import simplify_forest
+
+_Result = TypeVar("_Result")
 
 _NO_VISITS = np.zeros(0, np.int64)
 # More chunks than threads, so that a thread whose trees fall early finds other work.
@@ -121,7 +127,39 @@ class CompiledRoute:
         self._run(Forest.stack([tree]), starts, 0, 1, Outcomes.empty(1, len(starts)), visits)
         return visits
 
+    def observe(self, tree: DecisionTree, n_steps: int, rng: np.random.Generator) -> NDArray[np.float32]:
+        """Return what a tree sees; see `Route`."""
+        probabilities = np.zeros((tree.n_nodes, self.spec.n_actions))
+        leaves = np.flatnonzero(tree.is_leaf)
+        probabilities[leaves, tree.action[leaves]] = 1.0
+        # So steep a decision is the hard one, except exactly at its threshold.
+        steep = np.full(tree.n_nodes, 1e12)
+        soft = SoftTree(
+            tree.feature, tree.threshold, tree.children_left, tree.children_right, probabilities, steep
+        )
+        return SoftSampler(self.spec, rng).sample(soft, n_steps).observations
+
+    def run_jobs(self, jobs: Sequence[Callable[[Route], _Result]]) -> list[_Result]:
+        """Run jobs on the threads, each with a route of one thread; see `Route`."""
+        if self._pool is None:
+            return [job(self) for job in jobs]
+        single = CompiledRoute(self.spec, threads=1)
+        with _quick_switches():
+            return list(self._pool.map(lambda job: job(single), jobs))
+
     def close(self) -> None:
         """Release the threads."""
         if self._pool is not None:
             self._pool.shutdown()
+
+
+@contextmanager
+def _quick_switches() -> Iterator[None]:
+    # Jobs go back and forth between Python and kernels of a millisecond, which run without the interpreter's lock;
+    # at Python's own 5 ms a thread would mostly wait for it.
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(5e-4)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(interval)

@@ -6,19 +6,24 @@ import itertools
 import multiprocessing
 import os
 import signal
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.route import Outcomes
+from ge_torchrl.environments.route import Outcomes, Route
 from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
+
+_Result = TypeVar("_Result")
 
 # Environments that one process steps side by side; one batched decision serves them all.
 _ENVIRONMENTS_PER_PROCESS = 16
@@ -99,11 +104,33 @@ class GymnasiumRoute:
         self._runner.run(Forest.stack([tree]), jobs, observer=_LeafCounter(tree, leaf_visits))
         return _visits_from_leaves(tree, leaf_visits)
 
+    def observe(self, tree: DecisionTree, n_steps: int, rng: np.random.Generator) -> NDArray[np.float32]:
+        """Return what a tree sees; see `Route`."""
+        recorder = _Recorder(n_steps)
+        while recorder.missing > 0:
+            jobs = _Jobs(tree=np.zeros(1, np.int64), seed=episode_seeds("training", 1, rng))
+            self._runner.run(Forest.stack([tree]), jobs, observer=recorder)
+        return np.concatenate(recorder.observations)[:n_steps]
+
+    def run_jobs(self, jobs: Sequence[Callable[[Route], _Result]]) -> list[_Result]:
+        """Run jobs one after another, each with all worker processes; see `Route`."""
+        return [job(self) for job in jobs]
+
     def close(self) -> None:
         """Release processes and environments."""
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
         self._runner.close()
+
+
+class _Recorder:
+    def __init__(self, n_steps: int) -> None:
+        self.observations: list[NDArray[np.float32]] = []
+        self.missing = n_steps
+
+    def __call__(self, observations: NDArray[np.float32]) -> None:
+        self.observations.append(observations.copy())
+        self.missing -= len(observations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +165,7 @@ class _Runner:
         self._environments: list[gym.Env[NDArray[np.float32], int]] = []
 
     def run(
-        self, forest: Forest, jobs: _Jobs, observer: _LeafCounter | None = None
+        self, forest: Forest, jobs: _Jobs, observer: Callable[[NDArray[np.float32]], None] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the returns and lengths [J] of all jobs."""
         n_jobs = len(jobs.seed)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
+
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,14 @@ class Route(Protocol):
 
     def count_visits(self, tree: DecisionTree, seeds: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return [N], how often each node is passed in these episodes, as section 2.4 of the thesis counts."""
+        ...
+
+    def observe(self, tree: DecisionTree, n_steps: int, rng: np.random.Generator) -> NDArray[np.float32]:
+        """Return [T, D], the observations of a tree's first `n_steps` steps in training episodes that `rng` draws."""
+        ...
+
+    def run_jobs(self, jobs: Sequence[Callable[[Route], _Result]]) -> list[_Result]:
+        """Run independent jobs, side by side where that pays, each with a route of its own; return their results."""
         ...
 
     def close(self) -> None:

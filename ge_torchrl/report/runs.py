@@ -44,7 +44,7 @@ class Run:
     @property
     def method(self) -> str:
         """`GE` or `GE+PPO`."""
-        return GE_PPO if self.config.ppo.enabled else GE
+        return GE_PPO if self.config.refiner.enabled else GE
 
     @property
     def environment(self) -> str:
@@ -134,7 +134,7 @@ def read_run(path: Path) -> Run:
         config=config,
         summary=folder.read_summary(),
         history=tuple(history),
-        refinements=tuple(folder.read_refinements()) if config.ppo.enabled else (),
+        refinements=tuple(folder.read_refinements()) if config.refiner.enabled else (),
         pruned=folder.read_tree(),
         full=read_tree(path / BEST_TREE_FULL),
         hall_of_fame=tuple(folder.read_hall_of_fame()),
@@ -158,11 +158,11 @@ def pair_by_seed(runs: Sequence[Run]) -> tuple[Pair, ...]:
 
 
 def unequal_sections(pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """Return the sections of the configuration, PPO's apart, in which the runs of some pair differ."""
+    """Return the sections of the configuration, the refiner's apart, in which the runs of some pair differ."""
     differing = {
         section
         for refined, plain in pairs
         for section, values in refined.config.as_mapping().items()
-        if section != "ppo" and values != plain.config.as_mapping()[section]
+        if section != "refiner" and values != plain.config.as_mapping()[section]
     }
     return tuple(sorted(differing))

@@ -20,6 +20,7 @@ from torchrl.modules import ProbabilisticActor, ValueOperator
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
+from ge_torchrl.records import TrainingRecord
 from ge_torchrl.rl.actor_critic import make_actor_critic
 from ge_torchrl.rl.ddt import DDT
 from ge_torchrl.rl.samples import Source, finished_returns
@@ -71,35 +72,6 @@ class PPOSettings:
     optimizer: str = "rmsprop"
     minibatch_size: int | None = None
     entropy_final: float | None = None
-
-
-@dataclass(frozen=True)
-class TrainingRecord:
-    """What a training did; losses and their companions are those of the last gradient step, NaN before the first.
-
-    Attributes:
-        timesteps: Environment steps taken.
-        updates: Batches of samples trained on.
-        gradient_steps: Gradient steps taken.
-        soft_return: Mean return of the episodes that ended in the last update with any; NaN if none ever ended.
-        actor_loss: Clipped surrogate, to be minimised.
-        critic_loss: Weighted squared error of the values.
-        entropy: Mean entropy of the actions, in nats.
-        clip_fraction: Share of samples whose ratio is clipped.
-        kl: Estimate of the divergence of the policy from the one that sampled.
-        failure: What was not finite, and when; None if nothing.
-    """
-
-    timesteps: int = 0
-    updates: int = 0
-    gradient_steps: int = 0
-    soft_return: float = math.nan
-    actor_loss: float = math.nan
-    critic_loss: float = math.nan
-    entropy: float = math.nan
-    clip_fraction: float = math.nan
-    kl: float = math.nan
-    failure: str | None = None
 
 
 def train(

@@ -15,7 +15,7 @@ from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import prune, simplify_exact
 
-POPULATION, REFINEMENT = "population", "refinement"
+POPULATION, REFINEMENT, NEIGHBOUR = "population", "refinement", "neighbour"
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Contender:
     Attributes:
         tree: The tree.
         fitness: Its fitness on the training episodes, or for a refined tree on its measuring episodes.
-        origin: POPULATION or REFINEMENT.
+        origin: POPULATION, REFINEMENT for a refined individual, or NEIGHBOUR for a tree refined in exploring.
     """
 
     tree: DecisionTree
@@ -42,7 +42,7 @@ class Champion:
         pruned: What the validation episodes need of it (thesis, section 2.4).
         train_fitness: The fitness that made it a contender.
         validation_mean: Its mean return on the validation episodes.
-        origin: POPULATION or REFINEMENT.
+        origin: As of a contender.
         env_steps: Environment steps that choosing and pruning took.
     """
 

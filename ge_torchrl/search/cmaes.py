@@ -1,4 +1,4 @@
-"""Refinement without gradients: the fair rival of PPO, by the same budget and with the same record.
+"""Refinement without gradients: the rival of PPO, by the same budget and with the same record.
 
 Leaves first, one at a time, since no threshold helps a leaf that errs; then thresholds by CMA-ES (Hansen, "The CMA
 evolution strategy: a tutorial", 2016) in units of how far their features spread. Every tree of a refinement is
@@ -11,24 +11,23 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import cma
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.route import Route
-from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
-from ge_torchrl.refinement_section import PPOConfig
-from ge_torchrl.rl.ppo import TrainingRecord
+from ge_torchrl.records import TrainingRecord
+from ge_torchrl.refiner_section import CMAESConfig
 from ge_torchrl.search.fitness import measure
-from ge_torchrl.search.refinement import Refinement, compare, stream_name
-from ge_torchrl.seeding import episode_seeds, stream
+from ge_torchrl.search.refinement import Tuned
+from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 
-# Of a feature's spread: about where a grammar's threshold and its best neighbour lie.
-_FIRST_STEP = 0.3
-_PROBE_STEPS = 1000
+# Steps that show how far features spread; enough for a few episodes, and a small part of any budget.
+_PROBE_STEPS = 500
 
 
 class CMAESRefiner:
@@ -37,62 +36,74 @@ class CMAESRefiner:
     Args:
         route: Measures trees.
         config: The budget, in environment steps or seconds, and the episodes.
-        seed: The run's seed, from which all randomness follows.
     """
 
-    def __init__(self, route: Route, config: PPOConfig, seed: int) -> None:
+    def __init__(self, route: Route, config: CMAESConfig) -> None:
         self._route = route
         self._config = config
-        self._seed = seed
 
-    def refine(self, tree: DecisionTree, generation: int, attempt: int = 0) -> Refinement:
-        """Tune a tree's leaves and thresholds with its structure unchanged, and measure it anew.
+    def tune(
+        self, trees: Sequence[DecisionTree], rngs: Sequence[np.random.Generator], factor: int = 1
+    ) -> list[Tuned]:
+        """Tune trees side by side, all on the same episodes, which the first stream draws; see `RefinesTrees`."""
+        if not trees:
+            return []
+        seeds = episode_seeds("training", factor * self._config.episodes, rngs[0])
+        jobs = [partial(self._tune, tree, seeds, rng, factor) for tree, rng in zip(trees, rngs, strict=True)]
+        return [jobs[0](self._route)] if len(jobs) == 1 else self._route.run_jobs(jobs)
 
-        Args:
-            tree: The tree.
-            generation: Names the stream of randomness, so that one refinement does not depend on another.
-            attempt: Counts the refinements of a generation; names the stream too.
-        """
-        started = time.perf_counter()
-        rng = stream(self._seed, f"refinement in {stream_name(generation, attempt)}")
-        trial = _Trial(self._route, tree, self._config, rng)
+    def _tune(
+        self,
+        tree: DecisionTree,
+        seeds: NDArray[np.int64],
+        rng: np.random.Generator,
+        factor: int,
+        route: Route,
+    ) -> Tuned:
+        """Tune a tree's leaves and thresholds with its structure unchanged."""
+        trial = _Trial(route, tree, self._config, factor, seeds)
         trial.tune_leaves()
         trial.tune_thresholds(rng)
-        seeds = episode_seeds("training", self._config.measuring_episodes, rng)
         training = TrainingRecord(timesteps=trial.env_steps, updates=trial.rounds)
-        return compare(self._route, tree, trial.best, seeds, training, trial.env_steps, started)
+        return Tuned(trial.best, training, trial.env_steps)
 
 
 class _Trial:
     """The best tree so far, and how much of the budget is left."""
 
-    def __init__(self, route: Route, tree: DecisionTree, config: PPOConfig, rng: np.random.Generator) -> None:
+    def __init__(
+        self, route: Route, tree: DecisionTree, config: CMAESConfig, factor: int, seeds: NDArray[np.int64]
+    ) -> None:
         self._route = route
-        self._config = config
+        self._first_step = config.first_step
+        self._max_timesteps = factor * config.max_timesteps
         self._deadline = (
-            math.inf if config.cmaes_seconds is None else time.perf_counter() + config.cmaes_seconds
+            math.inf if config.max_seconds is None else time.perf_counter() + factor * config.max_seconds
         )
-        self._seeds = episode_seeds("training", config.cmaes_episodes, rng)
-        self._probe_seed = int(episode_seeds("training", 1, rng)[0])
+        self._seeds = seeds
         self.best, self.fitness = tree, -math.inf
         self.env_steps = self.rounds = 0
         self._measure([tree])
 
     @property
     def _is_over(self) -> bool:
-        if self._config.cmaes_seconds is not None:
+        if self._deadline < math.inf:
             return time.perf_counter() >= self._deadline
-        return self.env_steps >= self._config.max_timesteps
+        return self.env_steps >= self._max_timesteps
 
-    def _measure(self, trees: Sequence[DecisionTree]) -> NDArray[np.float64]:
-        """Return the mean returns [P] of some trees, and remember the best tree."""
-        measured = measure(self._route, Forest.stack(trees), self._seeds)
+    def _returns(self, forest: Forest) -> NDArray[np.float64]:
+        """Return the mean returns [P] of some trees."""
+        measured = measure(self._route, forest, self._seeds)
         self.env_steps += measured.env_steps
         self.rounds += 1
-        winner = int(np.argmax(measured.fitness))
-        if measured.fitness[winner] > self.fitness:
-            self.best, self.fitness = trees[winner], float(measured.fitness[winner])
         return measured.fitness
+
+    def _measure(self, trees: Sequence[DecisionTree]) -> None:
+        """Measure some trees, and remember the best tree of all."""
+        returns = self._returns(Forest.stack(trees))
+        winner = int(np.argmax(returns))
+        if returns[winner] > self.fitness:
+            self.best, self.fitness = trees[winner], float(returns[winner])
 
     def tune_leaves(self) -> None:
         """Give each leaf in turn its best action, the other leaves as they then are."""
@@ -107,12 +118,12 @@ class _Trial:
         decisions = np.flatnonzero(~tree.is_leaf)
         if len(decisions) == 0 or self._is_over:
             return
-        spread = visited_spread(self._route.spec, tree, self._probe_seed)[tree.feature[decisions]]
+        spread = spread_of(self._route.observe(tree, _PROBE_STEPS, rng))[tree.feature[decisions]]
         self.env_steps += _PROBE_STEPS
         # pycma has no one-dimensional form: a lone threshold gets an idle companion.
         strategy = cma.CMAEvolutionStrategy(
             np.zeros(max(len(decisions), 2)),
-            _FIRST_STEP,
+            self._first_step,
             # Its numbers come from our stream, and numpy's global one stays as it was.
             {
                 "seed": np.nan,
@@ -121,32 +132,24 @@ class _Trial:
                 "verb_log": 0,
             },
         )
+        # A float32 that a wild step would overflow stays a number.
+        limit = np.finfo(np.float32).max
         while not self._is_over and not strategy.stop():
             points = strategy.ask()
-            trees = [
-                _with_thresholds(
-                    tree, decisions, tree.threshold[decisions] + spread * point[: len(decisions)]
-                )
-                for point in points
-            ]
-            strategy.tell(points, (-self._measure(trees)).tolist())
+            thresholds = np.tile(tree.threshold, (len(points), 1))
+            moves = spread * np.array(points)[:, : len(decisions)]
+            thresholds[:, decisions] = np.clip(tree.threshold[decisions] + moves, -limit, limit)
+            returns = self._returns(Forest.of_thresholds(tree, thresholds))
+            strategy.tell(points, (-returns).tolist())
+            winner = int(np.argmax(returns))
+            if returns[winner] > self.fitness:
+                self.best = replace(tree, threshold=thresholds[winner])
+                self.fitness = float(returns[winner])
 
 
-def visited_spread(spec: EnvironmentSpec, tree: DecisionTree, seed: int) -> NDArray[np.float64]:
-    """Return [D], the standard deviation of each feature over 1,000 steps that a tree takes; 1 where it is 0."""
-    env = make_gymnasium(spec.id, spec.max_episode_steps)
-    try:
-        observation, _ = env.reset(seed=seed)
-        visited = []
-        for _ in range(_PROBE_STEPS):
-            visited.append(np.asarray(observation, np.float64))
-            action = int(tree.decide(np.asarray(observation, np.float32)[None])[0])
-            observation, _, terminated, truncated, _ = env.step(action + spec.first_action)
-            if terminated or truncated:
-                observation, _ = env.reset()
-    finally:
-        env.close()
-    spread = np.std(visited, axis=0)
+def spread_of(observations: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return [D], the standard deviation of each feature over observations [T, D]; 1 where it tells nothing."""
+    spread = observations.astype(np.float64).std(axis=0)
     return np.where(np.isfinite(spread) & (spread > 0), spread, 1.0)
 
 
@@ -156,13 +159,3 @@ def _with_other_actions(tree: DecisionTree, leaf: int, n_actions: int) -> Iterat
             actions = tree.action.copy()
             actions[leaf] = action
             yield replace(tree, action=actions)
-
-
-def _with_thresholds(
-    tree: DecisionTree, decisions: NDArray[np.int64], values: NDArray[np.float64]
-) -> DecisionTree:
-    threshold = tree.threshold.copy()
-    # A float32 that a wild step would overflow stays a number.
-    limit = np.finfo(np.float32).max
-    threshold[decisions] = np.clip(values, -limit, limit)
-    return replace(tree, threshold=threshold)

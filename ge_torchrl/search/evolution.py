@@ -105,6 +105,33 @@ class Evolution:
         """Measure the fitness of every tree on these episodes."""
         return measure(self.route, forest, seeds, self.std_penalty)
 
+    def with_places_taken(
+        self, generation: Generation, slots: NDArray[np.int64], codons: Codons
+    ) -> tuple[Generation, int]:
+        """Let new genotypes take the places of less fit individuals.
+
+        Args:
+            generation: The generation, whose training episodes measure them.
+            slots: [R] int64, different places.
+            codons: [R, K] int32, for each place the genotype that takes it if it is fitter.
+
+        Returns:
+            The generation, the very same one where nobody gave way, and environment steps.
+        """
+        forest = self.map(codons).forest
+        measured = self.measure(forest, generation.seeds)
+        fitter = measured.fitness > generation.fitness[slots]
+        if not fitter.any():
+            return generation, measured.env_steps
+        newcomers = _Individuals(codons, measured.fitness, self.decision_nodes(forest))
+        # Other records may hold the arrays of this generation: they are copied, not written to.
+        old = _Individuals(generation.codons, generation.fitness, generation.decision_nodes)
+        now = old.with_places_taken(slots[fitter], newcomers.take(np.flatnonzero(fitter)))
+        generation = replace(
+            generation, codons=now.codons, fitness=now.fitness, decision_nodes=now.decision_nodes
+        )
+        return generation, measured.env_steps
+
     def first(self) -> Generation:
         """Return the random first generation."""
         clock = _Clock()

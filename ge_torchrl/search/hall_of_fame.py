@@ -24,6 +24,9 @@ from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import prune, simplify_exact
 
+# A tree so many times larger than the largest kept one may still be pruned to a kept size.
+_LARGEST_OFFERED = 2
+
 
 @dataclass(frozen=True, eq=False)
 class Winner:
@@ -31,7 +34,7 @@ class Winner:
 
     Attributes:
         tree: The tree, pruned; its size is counted on this form.
-        origin: POPULATION or REFINEMENT.
+        origin: As of a contender.
         archive_mean: Its mean return on the archive's episodes; None for a champion too large for the archive.
         validation_mean: Its mean return on the validation episodes that chose it.
     """
@@ -56,7 +59,7 @@ class Winners:
 
 
 class HallOfFame:
-    """Keeps a few trees of each size, the best on the archive's own episodes.
+    """Keeps a few trees of each size, each of another structure, the best on the archive's own episodes.
 
     Args:
         route: Runs the trees.
@@ -74,6 +77,11 @@ class HallOfFame:
         self._kept: dict[int, list[Contender]] = {}
         self._last_leaders: frozenset[bytes] = frozenset()
         self._env_steps = 0
+
+    @property
+    def max_nodes(self) -> int:
+        """Decision nodes of the largest trees."""
+        return self._max_nodes
 
     @property
     def env_steps(self) -> int:
@@ -110,22 +118,56 @@ class HallOfFame:
     def offer(self, contenders: Iterable[Contender]) -> None:
         """Measure those trees that are new and small enough, all in one batch, and keep the best of each size.
 
-        Trees that are equal once simplified are one tree. Of equally good ones the first that was offered stays.
+        Trees that are equal once simplified are one tree. What the archive's episodes do not visit is pruned before
+        the size is counted. Of equally good ones the first that was
+        offered stays.
         """
         new: dict[DecisionTree, Contender] = {}
         for contender in contenders:
             tree = simplify_exact(contender.tree, self._route.spec.low, self._route.spec.high)
-            if tree.n_decision_nodes <= self._max_nodes and tree not in self._means:
+            if tree.n_decision_nodes <= _LARGEST_OFFERED * self._max_nodes and tree not in self._means:
                 new.setdefault(tree, Contender(tree, contender.fitness, contender.origin))
         if not new:
             return
-        measured = measure(self._route, Forest.stack(list(new)), self._seeds)
-        self._env_steps += measured.env_steps
-        self._means.update(zip(new, map(float, measured.fitness), strict=True))
+        self._means.update(zip(new, self._measure(list(new)), strict=True))
+        pruned: dict[DecisionTree, Contender] = {}
         for tree, contender in new.items():
-            rivals = [*self._kept.get(tree.n_decision_nodes, []), contender]
-            rivals.sort(key=lambda rival: -self._means[rival.tree])
-            self._kept[tree.n_decision_nodes] = rivals[: self._keep]
+            if not self._can_enter(tree):
+                continue
+            visits = self._route.count_visits(tree, self._seeds)
+            self._env_steps += int(visits[0])
+            smaller = prune(tree, visits)
+            # Pruned on all of the archive's episodes, a tree does on them what it did.
+            self._means.setdefault(smaller, self._means[tree])
+            pruned.setdefault(smaller, Contender(smaller, contender.fitness, contender.origin))
+        for tree, contender in pruned.items():
+            if tree.n_decision_nodes <= self._max_nodes:
+                self._keep_best(tree, contender)
+
+    def _measure(self, trees: list[DecisionTree]) -> list[float]:
+        measured = measure(self._route, Forest.stack(trees), self._seeds)
+        self._env_steps += measured.env_steps
+        return [float(fitness) for fitness in measured.fitness]
+
+    def _can_enter(self, tree: DecisionTree) -> bool:
+        """Tell whether a tree, pruned to some size or not at all, could be among the kept ones of its size."""
+        sizes = range(min(tree.n_decision_nodes, self._max_nodes) + 1)
+        full = [self._kept[size] for size in sizes if len(self._kept.get(size, ())) >= self._keep]
+        return len(full) < len(sizes) or any(self._means[tree] > self._means[kept[-1].tree] for kept in full)
+
+    def _keep_best(self, tree: DecisionTree, contender: Contender) -> None:
+        kept = self._kept.setdefault(tree.n_decision_nodes, [])
+        alike = [rival for rival in kept if rival.tree.structure == tree.structure]
+        if alike and self._means[alike[0].tree] >= self._means[tree]:
+            return
+        rivals = [rival for rival in kept if rival not in alike]
+        rivals.append(contender)
+        rivals.sort(key=lambda rival: -self._means[rival.tree])
+        self._kept[tree.n_decision_nodes] = rivals[: self._keep]
+
+    def mean_of(self, member: Contender) -> float:
+        """Return what the archive's episodes said of a member."""
+        return self._means[member.tree]
 
     def archive_mean(self, tree: DecisionTree) -> float | None:
         """Return what the archive's episodes said of a tree; None where it was never measured."""
@@ -158,12 +200,12 @@ class HallOfFame:
 
 def open_hall_of_fame(config: Config, route: Route) -> HallOfFame | None:
     """Return an empty hall of fame with episodes of its own, or None where none is asked for."""
-    evaluation = config.evaluation
-    if not evaluation.hall_of_fame:
+    settings = config.hall_of_fame
+    if not settings.enabled:
         return None
     # Of the same purpose as validation, so that neither training nor the test shares an episode with them.
-    seeds = episode_seeds("validation", evaluation.archive_episodes, stream(config.seed, "archive episodes"))
-    return HallOfFame(route, seeds, evaluation.archive_keep, evaluation.archive_max_nodes)
+    seeds = episode_seeds("validation", settings.episodes, stream(config.seed, "archive episodes"))
+    return HallOfFame(route, seeds, settings.keep, settings.max_nodes)
 
 
 def leaders_by_size(fitness: Fitness, decision_nodes: NDArray[np.int64], max_nodes: int) -> NDArray[np.int64]:

@@ -6,7 +6,9 @@ so it is the snapped tree that is measured and that has to be better than the so
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+import numpy as np
 
 from ge_torchrl.errors import UnencodableTreeError
 from ge_torchrl.ge.encoding import encode
@@ -48,14 +50,6 @@ def write_back(
         codons = encode(refined, source, evolution.tables, evolution.settings.wraps)
     except UnencodableTreeError:
         return WriteBack(generation, None, 0)
-    forest = evolution.map(codons[None]).forest
-    measured = evolution.measure(forest, generation.seeds)
-    fitness = float(measured.fitness[0])
-    if fitness > generation.fitness[individual]:
-        # Other records may hold the arrays of this generation: they are copied, not written to.
-        new_codons, new_fitness = generation.codons.copy(), generation.fitness.copy()
-        new_sizes = generation.decision_nodes.copy()
-        new_codons[individual], new_fitness[individual] = codons, fitness
-        new_sizes[individual] = evolution.decision_nodes(forest)[0]
-        generation = replace(generation, codons=new_codons, fitness=new_fitness, decision_nodes=new_sizes)
-    return WriteBack(generation, forest.tree(0), measured.env_steps)
+    tree = evolution.map(codons[None]).forest.tree(0)
+    generation, env_steps = evolution.with_places_taken(generation, np.array([individual]), codons[None])
+    return WriteBack(generation, tree, env_steps)

@@ -102,6 +102,11 @@ class DecisionTree:
         """Number of decision nodes; a tree has one leaf more."""
         return self.n_nodes // 2
 
+    @property
+    def structure(self) -> bytes:
+        """What stays of the tree without its thresholds; equal for trees of one structure, numbered depth first."""
+        return self.feature.tobytes() + self.action.tobytes()
+
     @cached_property
     def depth(self) -> int:
         """Largest number of decisions on a path from the root to a leaf; 0 for a lone leaf."""

@@ -64,6 +64,45 @@ class Forest:
             action=np.concatenate([no_ints, *(tree.action for tree in trees)]),
         )
 
+    @classmethod
+    def depth_first(
+        cls, sizes: Sequence[int], feature: IntArray, threshold: FloatArray, action: IntArray
+    ) -> Forest:
+        """Return the forest of trees whose nodes are numbered depth first, left before right.
+
+        Such a numbering determines the children: the left child of a decision node follows it, its right child
+        follows the left subtree.
+
+        Args:
+            sizes: [P] number of nodes of each tree.
+            feature: [M] int32 of all trees, below 0 at leaves.
+            threshold: [M] float32.
+            action: [M] int32, below 0 at decision nodes.
+        """
+        offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        children_left, children_right = np.full_like(feature, -1), np.full_like(feature, -1)
+        _link_depth_first(offsets, feature, children_left, children_right)
+        return cls(offsets, feature, threshold, children_left, children_right, action)
+
+    @classmethod
+    def of_thresholds(cls, tree: DecisionTree, thresholds: FloatArray) -> Forest:
+        """Return copies of one tree with other thresholds.
+
+        Args:
+            tree: The tree, of N nodes.
+            thresholds: [P, N] float32, finite; 0 at leaves.
+        """
+        copies = len(thresholds)
+        return cls(
+            offsets=np.arange(copies + 1, dtype=np.int64) * tree.n_nodes,
+            feature=np.tile(tree.feature, copies),
+            # As in a tree: adding zero makes -0.0 into 0.0.
+            threshold=thresholds.reshape(-1).astype(np.float32) + np.float32(0.0),
+            children_left=np.tile(tree.children_left, copies),
+            children_right=np.tile(tree.children_right, copies),
+            action=np.tile(tree.action, copies),
+        )
+
     def __len__(self) -> int:
         return len(self.offsets) - 1
 
@@ -115,6 +154,24 @@ class Forest:
         actions = np.empty(len(tree_index), np.int32)
         _decide(self.arrays, tree_index, observations, actions)
         return actions
+
+
+@compiled
+def _link_depth_first(
+    offsets: NDArray[np.int64], feature: IntArray, children_left: IntArray, children_right: IntArray
+) -> None:
+    """Write the children of decision nodes; those of leaves stay."""
+    waiting = np.empty(len(feature), np.int64)
+    for tree in range(len(offsets) - 1):
+        root, depth = offsets[tree], 0
+        for row in range(root, offsets[tree + 1]):
+            if row > root and feature[row - 1] < 0:
+                depth -= 1
+                children_right[waiting[depth]] = row - root
+            if feature[row] >= 0:
+                children_left[row] = row + 1 - root
+                waiting[depth] = row
+                depth += 1
 
 
 @compiled

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ge_torchrl.refinement_section import PPOConfig
 
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import describe
-from ge_torchrl.refinement_section import PPOConfig
 from ge_torchrl.search.cmaes import CMAESRefiner, visited_spread
 from ge_torchrl.search.refinement import IMPROVED, NOT_IMPROVED
 from ge_torchrl.trees.decision_tree import DecisionTree

@@ -24,7 +24,7 @@ class ScheduleConfig:
         generations: In exactly these, whatever `every` says; empty leaves it to `every`.
     """
 
-    SECTION: ClassVar[str] = "ppo.schedule"
+    SECTION: ClassVar[str] = "refiner.schedule"
 
     every: int | None = None
     generations: tuple[int, ...] = ()
@@ -42,19 +42,14 @@ class ScheduleConfig:
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Refinement of trees by PPO.
+    """Refinement of one tree by PPO: budget, hyperparameters, and which hard tree comes back.
 
     Attributes:
-        name: "none" for grammatical evolution alone; any other name is what reports call the method.
-        method: "ppo", or "cmaes": the same budget without gradients.
-        schedule: When a tree is refined.
-        best_probability: Probability that the best tree is chosen, else a random one.
-        measuring_episodes: Unseen episodes that measure a tree before and after its refinement.
         alpha: Steepness of the soft decisions.
         leaf_sd: Standard deviation of the noise on the leaves of a softened tree.
         max_timesteps: Environment steps of one refinement.
         update_timesteps: Environment steps between updates.
-        epochs: Gradient steps on the samples of each update.
+        epochs: Passes over the samples of each update.
         clip_epsilon: Clipping of the probability ratio.
         gamma: Discount factor.
         gae_lambda: Decay of generalised advantage estimation; inferred.
@@ -73,23 +68,12 @@ class PPOConfig:
         minibatch_size: Samples of a gradient step; None takes all samples of an update.
         entropy_final: Weight of the entropy bonus in the last update, reached linearly; None keeps
             `entropy_coeff`.
-        cmaes_episodes: Episodes that each tree is measured on by CMA-ES.
-        cmaes_seconds: Clock time of one refinement by CMA-ES, instead of `max_timesteps`; None counts steps. By
-            the clock two runs of one seed differ.
-        candidates: Trees refined in a scheduled generation, one after another; those after the first are random.
-        write_back: Whether a refined tree, snapped to the grammar's constants, takes its source's place in the
-            population if it is fitter there. The thesis keeps refined trees apart.
         snapshot_episodes: Episodes on which the hard tree is scored after every update, so that the best one
             comes back; 0 brings back the last one, as in the thesis.
     """
 
-    SECTION: ClassVar[str] = "ppo"
+    SECTION: ClassVar[str] = "refiner.ppo"
 
-    name: str = "none"
-    method: str = "ppo"
-    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
-    best_probability: float = 0.5
-    measuring_episodes: int = 50
     alpha: float = 1000.0
     leaf_sd: float = 0.1
     max_timesteps: int = 100_000
@@ -110,24 +94,15 @@ class PPOConfig:
     optimizer: str = "rmsprop"
     minibatch_size: int | None = None
     entropy_final: float | None = None
-    cmaes_episodes: int = 5
-    cmaes_seconds: float | None = None
-    candidates: int = 1
-    write_back: bool = False
     snapshot_episodes: int = 0
 
     def __post_init__(self) -> None:
-        check_text(self, "name", "none, or the name of a method")
-        if not isinstance(self.schedule, ScheduleConfig):
-            refuse(self, "schedule", "a ScheduleConfig")
-        check_probability(self, "best_probability")
-        check_integer(self, "measuring_episodes", 1, "a return is a mean over episodes")
         check_number(self, "alpha", above=0.0)
         check_number(self, "leaf_sd", at_least=0.0)
         check_integer(self, "max_timesteps", 1, "PPO learns from samples")
         check_integer(self, "update_timesteps", 2, "PPO learns from samples")
         if self.update_timesteps > self.max_timesteps:
-            refuse(self, "update_timesteps", f"at most ppo.max_timesteps, {self.max_timesteps}")
+            refuse(self, "update_timesteps", f"at most refiner.ppo.max_timesteps, {self.max_timesteps}")
         check_integer(self, "epochs", 1, "an update is at least one gradient step")
         check_number(self, "clip_epsilon", above=0.0)
         check_probability(self, "gamma", "it is a discount factor")
@@ -138,18 +113,15 @@ class PPOConfig:
             check_number(self, name, at_least=0.0)
         check_integers(self, "critic_hidden", 1, "it counts units of a layer")
         check_choice(self, "source", ("auto", "collector", "fused"))
-        check_choice(self, "method", ("ppo", "cmaes"))
-        check_integer(self, "cmaes_episodes", 1, "a return is a mean over episodes")
-        check_number(self, "cmaes_seconds", above=0.0, optional=True)
         self._check_gradients()
-        check_integer(self, "candidates", 1, "an application refines at least one tree")
-        check_flag(self, "write_back")
         check_integer(self, "snapshot_episodes", 0, "it counts episodes; 0 takes the last tree")
 
     def _check_gradients(self) -> None:
         check_flag(self, "scale_features")
         if self.scale_features and self.max_timesteps < 2 * self.update_timesteps:
-            expected = "false where ppo.max_timesteps is less than two of ppo.update_timesteps"
+            expected = (
+                "false where refiner.ppo.max_timesteps is less than two of refiner.ppo.update_timesteps"
+            )
             refuse(self, "scale_features", expected, "the first batch of samples only measures the features")
         for name in ("alpha_final", "lr_thresholds"):
             check_number(self, name, above=0.0, optional=True)
@@ -158,6 +130,84 @@ class PPOConfig:
             self, "minibatch_size", 2, "advantages are normalised by their deviation", optional=True
         )
         check_number(self, "entropy_final", at_least=0.0, optional=True)
+
+
+@dataclass(frozen=True)
+class CMAESConfig:
+    """Refinement of one tree without gradients: its leaves one by one, then its thresholds by CMA-ES.
+
+    Attributes:
+        max_timesteps: Environment steps of one refinement.
+        max_seconds: Clock time of one refinement, instead of `max_timesteps`; None counts steps. By the clock two
+            runs of one seed differ.
+        episodes: Episodes that each tree is measured on.
+        first_step: Standard deviation of the first moves of thresholds, in units of their features' spread.
+    """
+
+    SECTION: ClassVar[str] = "refiner.cmaes"
+
+    max_timesteps: int = 100_000
+    max_seconds: float | None = None
+    episodes: int = 5
+    first_step: float = 0.3
+
+    def __post_init__(self) -> None:
+        check_integer(self, "max_timesteps", 1, "trees are measured by their steps in the environment")
+        check_number(self, "max_seconds", above=0.0, optional=True)
+        check_integer(self, "episodes", 1, "a return is a mean over episodes")
+        check_number(self, "first_step", above=0.0)
+
+
+@dataclass(frozen=True)
+class RefinerConfig:
+    """Refinement of trees: by which method, when, which trees, and what becomes of them.
+
+    Attributes:
+        name: "none" for grammatical evolution alone; any other name is what reports call the settings.
+        method: "ppo", or "cmaes": without gradients.
+        schedule: When trees are refined.
+        candidates: Trees of the population refined in a scheduled generation, one after another; those after the
+            first are random.
+        best_probability: Probability that the first of them is the best tree, else it is a random one.
+        probability: Probability that a tree that was chosen is refined.
+        acceptance_episodes: Unseen episodes on which a refined tree has to be better than its source, or the source
+            comes back as it was; 0 accepts every tree, as in the thesis.
+        acceptance_errors: Standard errors of the mean difference by which it has to be better.
+        measuring_episodes: Unseen episodes that measure a tree before and after its refinement.
+        write_back: Whether a refined tree, snapped to the grammar's constants, takes its source's place in the
+            population if it is fitter there. The thesis keeps refined trees apart.
+        ppo: The settings of PPO.
+        cmaes: The settings of CMA-ES.
+    """
+
+    SECTION: ClassVar[str] = "refiner"
+
+    name: str = "none"
+    method: str = "ppo"
+    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    candidates: int = 1
+    best_probability: float = 0.5
+    probability: float = 1.0
+    acceptance_episodes: int = 0
+    acceptance_errors: float = 0.0
+    measuring_episodes: int = 50
+    write_back: bool = False
+    ppo: PPOConfig = field(default_factory=PPOConfig)
+    cmaes: CMAESConfig = field(default_factory=CMAESConfig)
+
+    def __post_init__(self) -> None:
+        check_text(self, "name", "none, or the name of a method")
+        check_choice(self, "method", ("ppo", "cmaes"))
+        for name, section in (("schedule", ScheduleConfig), ("ppo", PPOConfig), ("cmaes", CMAESConfig)):
+            if not isinstance(getattr(self, name), section):
+                refuse(self, name, f"a {section.__name__}")
+        check_integer(self, "candidates", 1, "an application refines at least one tree")
+        check_probability(self, "best_probability")
+        check_probability(self, "probability")
+        check_integer(self, "acceptance_episodes", 0, "it counts episodes; 0 accepts every tree")
+        check_number(self, "acceptance_errors", at_least=0.0)
+        check_integer(self, "measuring_episodes", 1, "a return is a mean over episodes")
+        check_flag(self, "write_back")
 
     @property
     def enabled(self) -> bool:
