@@ -17,6 +17,7 @@ from ge_torchrl.search.write_back import write_back
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.simplify import simplify_forest
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +58,12 @@ def apply(
     Yields:
         What happened to each tree, as soon as it did.
     """
-    mapping = evolution.map(generation.codons)
+    forest = evolution.map(generation.codons).forest
+    if config.refiner.simplify:
+        forest = simplify_forest(forest, evolution.route.spec.low, evolution.route.spec.high)
     candidates = choose_candidates(
         generation.fitness,
-        mapping.forest.sizes,
+        forest.sizes,
         Eligibility(evolution.route.spec.solved_at, config.env.lowest_fitness_excluded),
         config.refiner.best_probability,
         config.refiner.candidates,
@@ -73,7 +76,7 @@ def apply(
         if candidate.individual is None:
             yield Applied(RefinementRecord(generation.index, "skipped", candidate.redraws), generation)
             continue
-        tree = mapping.forest.tree(candidate.individual)
+        tree = forest.tree(candidate.individual)
         name = stream_name(generation.index, attempt)
         refinement = refine(refiner, evolution.route, tree, config.refiner, config.seed, name)
         applied = _settle(config, evolution, generation, candidate, tree, refinement, best)

@@ -44,13 +44,6 @@ class Config:
             if not isinstance(getattr(self, name), section):
                 refuse(self, name, f"a {section.__name__}")
         check_integer(self, "seed", 0, "seeds of random numbers are not negative")
-        if self.hall_of_fame.migrants >= self.ge.population_size:
-            refuse(
-                self.hall_of_fame,
-                "migrants",
-                f"less than ge.population_size, {self.ge.population_size}",
-                "they join the population",
-            )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "Config":

@@ -1,16 +1,24 @@
-"""Testing a tree file, or the tree of a run, again on episodes of the user's choice."""
+"""Testing a tree file, the tree of a run, or those of many runs, again on episodes of the user's choice."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ge_torchrl.artefacts import CONFIG, HALL_OF_FAME_TREES, RunFolder
+from ge_torchrl.artefacts import BEST_TREE, CONFIG, HALL_OF_FAME_TREES, RunFolder, find_runs
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
-from ge_torchrl.errors import ArtefactError
+from ge_torchrl.errors import ArtefactError, UserError
+from ge_torchrl.records import Summary
 from ge_torchrl.report.closing import EvaluationSummary
+from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluatedTree, SweepEvaluation
+from ge_torchrl.report.methods import METHODS, method_of
+from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.serialization import TreeDocument, read_tree
 
@@ -53,6 +61,166 @@ def evaluate(
         solved_at=spec.solved_at,
         route=opened.name,
         decision_nodes=document.tree.n_decision_nodes,
+    )
+
+
+def is_above_runs(path: Path) -> bool:
+    """Tell whether a path is a folder that is not itself a run's, so that runs can only lie below it."""
+    return path.is_dir() and not any((path / name).exists() for name in (CONFIG, BEST_TREE))
+
+
+def evaluate_runs(
+    folder: Path, episodes: int, seed: int, route: str = "auto", nodes: int | None = None
+) -> SweepEvaluation:
+    """Test the trees of all finished runs below a folder on the same episodes, as `evaluate` tests one.
+
+    Args:
+        folder: The folder, with runs at any depth: of each the champion and its hall of fame, if it kept one.
+        episodes: Number of episodes, at least 1.
+        seed: Seed of the first episode.
+        route: "auto", "compiled" or "gymnasium".
+        nodes: Test the trees with so many decision nodes alone, of the runs that have one; None tests all.
+
+    Returns:
+        What the trees did, in the order of environments, methods and seeds.
+
+    Raises:
+        UserError: No run can be tested, none has a tree of that size, or an environment failed.
+    """
+    runs: list[_Candidates] = []
+    left_out: list[str] = []
+    for found in find_runs(folder):
+        try:
+            runs.append(_candidates(found))
+        except UserError as error:
+            left_out.append(f"{found.path}: {error}")
+    if not runs:
+        reason = f"; {left_out[0]}" if left_out else ""
+        raise ArtefactError(f"expected a folder with finished runs; found none in {folder}{reason}")
+    if nodes is not None:
+        left_out += [
+            f"{run.path}: it has no tree with {nodes} decision nodes" for run in runs if not run.of(nodes)
+        ]
+        runs = _restricted(runs, nodes, folder)
+    runs.sort(key=lambda run: (*run.task, METHODS.index(run.method), run.summary.seed, run.path))
+    methods = [
+        method
+        for _, alike in groupby(runs, key=lambda run: run.task)
+        for method in _evaluate_task(list(alike), np.arange(seed, seed + episodes), route)
+    ]
+    return SweepEvaluation(episodes, seed, tuple(methods), tuple(left_out))
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """The trees of one run, before their test.
+
+    Attributes:
+        path: The run's folder.
+        method: By which method it searched.
+        spec: Its environment.
+        summary: Its summary.
+        chosen: Its champion, or the tree of the size that was asked for, with its validation mean.
+        by_size: Its hall of fame, likewise.
+    """
+
+    path: Path
+    method: str
+    spec: EnvironmentSpec
+    summary: Summary
+    chosen: tuple[DecisionTree, float]
+    by_size: tuple[tuple[DecisionTree, float], ...]
+
+    @property
+    def task(self) -> tuple[str, int, float]:
+        """What has to be equal for trees to be tested together, in an order."""
+        solved_at = self.spec.solved_at
+        return self.spec.id, self.spec.max_episode_steps, np.inf if solved_at is None else solved_at
+
+    @property
+    def trees(self) -> Iterator[DecisionTree]:
+        """All trees."""
+        yield self.chosen[0]
+        for tree, _ in self.by_size:
+            yield tree
+
+    def of(self, nodes: int) -> tuple[tuple[DecisionTree, float], ...]:
+        """Return the tree of one size, if there is one."""
+        return tuple(entry for entry in self.by_size if entry[0].n_decision_nodes == nodes)
+
+
+def _candidates(folder: RunFolder) -> _Candidates:
+    """Read the trees of one run."""
+    config, summary = folder.read_config(), folder.read_summary()
+    by_size = [
+        (folder.read_hall_of_fame_tree(record.decision_nodes).tree, record.validation_mean)
+        for record in folder.read_hall_of_fame()
+    ]
+    return _Candidates(
+        path=folder.path,
+        method=method_of(config),
+        spec=_environment(folder),
+        summary=summary,
+        chosen=(folder.read_tree().tree, summary.validation_mean),
+        by_size=tuple(by_size),
+    )
+
+
+def _restricted(runs: Sequence[_Candidates], nodes: int, folder: Path) -> list[_Candidates]:
+    """Return the runs that have a tree of one size, with that tree alone."""
+    having = [replace(run, chosen=run.of(nodes)[0], by_size=run.of(nodes)) for run in runs if run.of(nodes)]
+    if not having:
+        sizes = sorted({tree.n_decision_nodes for run in runs for tree, _ in run.by_size})
+        if not sizes:
+            raise ArtefactError(
+                f"the runs in {folder} must hold a hall of fame, as hall_of_fame.enabled=true makes it, to give trees "
+                f"with {nodes} decision nodes; they hold none"
+            )
+        raise ArtefactError(
+            f"the number of decision nodes must be one of {', '.join(map(str, sizes))}, because the halls of fame in "
+            f"{folder} have these; got {nodes}"
+        )
+    return having
+
+
+def _evaluate_task(
+    runs: Sequence[_Candidates], seeds: NDArray[np.int64], route: str
+) -> Iterator[EvaluatedMethod]:
+    """Test all trees of one task together, and yield what they did, method by method."""
+    spec = runs[0].spec
+    # A champion stands in its hall of fame too, and small trees are found again and again.
+    trees = list(dict.fromkeys(tree for run in runs for tree in run.trees))
+    opened = open_route(spec, route)
+    try:
+        returns = opened.evaluate(Forest.stack(trees), seeds).returns
+    finally:
+        opened.close()
+    measured = dict(zip(trees, zip(returns.mean(axis=1), returns.std(axis=1), strict=True), strict=True))
+    for method, alike in groupby(runs, key=lambda run: run.method):
+        yield EvaluatedMethod(
+            environment=spec.id,
+            method=method,
+            max_episode_steps=spec.max_episode_steps,
+            solved_at=spec.solved_at,
+            route=opened.name,
+            runs=tuple(_evaluated(run, measured) for run in alike),
+        )
+
+
+def _evaluated(
+    run: _Candidates, measured: Mapping[DecisionTree, tuple[np.float64, np.float64]]
+) -> EvaluatedRun:
+    def evaluated(entry: tuple[DecisionTree, float]) -> EvaluatedTree:
+        tree, validation_mean = entry
+        mean, std = measured[tree]
+        return EvaluatedTree(tree.n_decision_nodes, validation_mean, float(mean), float(std))
+
+    return EvaluatedRun(
+        path=str(run.path),
+        seed=run.summary.seed,
+        wall_seconds=run.summary.wall_seconds,
+        chosen=evaluated(run.chosen),
+        by_size=tuple(map(evaluated, run.by_size)),
     )
 
 

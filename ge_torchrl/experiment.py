@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -19,7 +18,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.route import Route
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
-from ge_torchrl.errors import ConfigError, EnvironmentFaultError
+from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
 from ge_torchrl.generations import Evolved, GenerationLoop
@@ -59,12 +58,7 @@ def plan(config: Config) -> Plan:
     Raises:
         EnvironmentFaultError: The environment is unknown or unsuitable, or has no such route.
         GrammarError: The grammar text breaks a rule.
-        ConfigError: The method of refinement is not installed.
     """
-    if config.refiner.enabled and config.refiner.method == "cmaes" and find_spec("cma") is None:
-        raise ConfigError(
-            'refiner.method must be ppo where pycma is missing; got cmaes (pip install "ge-torchrl[cmaes]")'
-        )
     env = config.env
     spec = describe(env.id, env.features, env.units, env.actions, env.solved_at, env.max_episode_steps)
     if env.route == "compiled":
@@ -134,7 +128,7 @@ def _evolve(
     config = planned.config
     with ExitStack() as open_files:
         history = open_files.enter_context(folder.history_writer())
-        progress = open_files.enter_context(Progress(console, config.ge.generations))
+        progress = open_files.enter_context(Progress(console, config.ge.generations, config=config))
         loop = GenerationLoop(config, evolution, _each(history.write, progress.show), hall)
         if config.refiner.enabled:
             refinements = open_files.enter_context(folder.refinements_writer())

@@ -47,6 +47,7 @@ class PPOConfig:
     Attributes:
         alpha: Steepness of the soft decisions.
         leaf_sd: Standard deviation of the noise on the leaves of a softened tree.
+        leaf_scale: How nearly a softened leaf always chooses its action; 1 is the thesis' Eq. 3.
         max_timesteps: Environment steps of one refinement.
         update_timesteps: Environment steps between updates.
         epochs: Passes over the samples of each update.
@@ -76,6 +77,7 @@ class PPOConfig:
 
     alpha: float = 1000.0
     leaf_sd: float = 0.1
+    leaf_scale: float = 1.0
     max_timesteps: int = 100_000
     update_timesteps: int = 3000
     epochs: int = 60
@@ -99,6 +101,7 @@ class PPOConfig:
     def __post_init__(self) -> None:
         check_number(self, "alpha", above=0.0)
         check_number(self, "leaf_sd", at_least=0.0)
+        check_number(self, "leaf_scale", above=0.0)
         check_integer(self, "max_timesteps", 1, "PPO learns from samples")
         check_integer(self, "update_timesteps", 2, "PPO learns from samples")
         if self.update_timesteps > self.max_timesteps:
@@ -170,6 +173,8 @@ class RefinerConfig:
             first are random.
         best_probability: Probability that the first of them is the best tree, else it is a random one.
         probability: Probability that a tree that was chosen is refined.
+        simplify: Whether a tree is refined, and written back, without what no state can reach. The thesis refines it
+            whole.
         acceptance_episodes: Unseen episodes on which a refined tree has to be better than its source, or the source
             comes back as it was; 0 accepts every tree, as in the thesis.
         acceptance_errors: Standard errors of the mean difference by which it has to be better.
@@ -188,6 +193,7 @@ class RefinerConfig:
     candidates: int = 1
     best_probability: float = 0.5
     probability: float = 1.0
+    simplify: bool = False
     acceptance_episodes: int = 0
     acceptance_errors: float = 0.0
     measuring_episodes: int = 50
@@ -204,6 +210,7 @@ class RefinerConfig:
         check_integer(self, "candidates", 1, "an application refines at least one tree")
         check_probability(self, "best_probability")
         check_probability(self, "probability")
+        check_flag(self, "simplify")
         check_integer(self, "acceptance_episodes", 0, "it counts episodes; 0 accepts every tree")
         check_number(self, "acceptance_errors", at_least=0.0)
         check_integer(self, "measuring_episodes", 1, "a return is a mean over episodes")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ge_torchrl.refinement_section import PPOConfig
 from records_for_tests import summary
 
 from ge_torchrl.artefacts import RunFolder
 from ge_torchrl.config import Config
 from ge_torchrl.records import GenerationRecord, HallOfFameRecord, RefinementRecord
+from ge_torchrl.refiner_section import RefinerConfig, ScheduleConfig
 from ge_torchrl.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.labels import TreeLabels
@@ -23,18 +23,26 @@ PRUNED = split(2, 0.0154, split(3, 0.229, leaf(0), leaf(1)), leaf(1))
 FULL = split(0, 4.8, PRUNED, leaf(0))
 
 
-def config(*, seed=0, ppo="none", environment="CartPole-v1", generations=200):
+def refiner_config(name, *, every=40, **changes):
+    """Settings of refinement by a method, or of none at all."""
+    if name == "none":
+        return RefinerConfig()
+    return RefinerConfig(name=name, method=name, schedule=ScheduleConfig(every=every), **changes)
+
+
+def config(*, seed=0, refiner="none", environment="CartPole-v1", generations=200, **changes):
     return Config(
         env=EnvironmentConfig(id=environment, solved_at=475.0),
         grammar=GrammarConfig(name="cartpole", bnf="<dt> ::= leaf"),
         ge=GEConfig(population_size=20, generations=generations, genotype_length=100, gene_probability=0.1),
         evaluation=EvaluationConfig(episodes=5),
-        ppo=PPOConfig(name=ppo),
+        refiner=refiner_config(refiner),
         seed=seed,
+        **changes,
     )
 
 
-def generation(number, best, refined=None):
+def generation(number, best, refined=None, steps=1000):
     return GenerationRecord(
         generation=number,
         best_fitness=best,
@@ -44,21 +52,26 @@ def generation(number, best, refined=None):
         best_decision_nodes=2,
         born=20,
         invalid=1,
-        env_steps=1000 * (number + 1),
+        env_steps=steps * (number + 1),
         elapsed_seconds=0.5 * (number + 1),
         evaluation_seconds=0.4,
         variation_seconds=0.1,
     )
 
 
-def history(best, refined=()):
-    """Records of these best fitnesses; `refined` holds the first values of `best_refined`, then its last one."""
+def history(best, refined=(), steps=1000):
+    """Records of these best fitnesses; `refined` holds the first values of `best_refined`, then its last one.
+
+    A generation takes `steps` environment steps.
+    """
     refined = [*refined, *[refined[-1] if refined else None] * (len(best) - len(refined))]
-    return [generation(number, *values) for number, values in enumerate(zip(best, refined, strict=True))]
+    return [
+        generation(number, *values, steps) for number, values in enumerate(zip(best, refined, strict=True))
+    ]
 
 
 def refinement(number=40, *, before=100.0, again=90.0, after=480.0, **changes):
-    """An application; `before` on the training episodes, `again` and `after` on the unseen ones."""
+    """A refinement; `before` on the training episodes, `again` and `after` on the unseen ones."""
     values = {
         "generation": number,
         "outcome": "improved" if after > again else "not_improved",
@@ -111,22 +124,34 @@ def honoured(decision_nodes, test_mean, *, validation_mean=None, **changes):
     return HallOfFameRecord(**{**values, **changes})
 
 
-def write_run(path, *, seed=0, ppo="none", generations=None, refinements=(), hall_of_fame=(), **changes):
+def chain(decision_nodes):
+    """A tree of this size, one decision below the other."""
+    tree = leaf(0)
+    for number in range(decision_nodes):
+        tree = split(3, 0.1 * number, tree, leaf(1))
+    return tree
+
+
+def write_run(path, *, seed=0, refiner="none", generations=None, refinements=(), hall_of_fame=(), **changes):
     """Write a finished run; `changes` are of its summary."""
     generations = history([100.0, 500.0]) if generations is None else generations
     found = summary(seed=seed, generations=len(generations), **changes)
-    settings = config(seed=seed, ppo=ppo, environment=found.environment, generations=max(1, len(generations)))
+    settings = config(
+        seed=seed, refiner=refiner, environment=found.environment, generations=max(1, len(generations))
+    )
     folder = RunFolder.create(path, settings)
     with folder.history_writer() as writer:
         for record in generations:
             writer.write(record)
-    if ppo != "none":
+    if refiner != "none":
         with folder.refinements_writer() as writer:
             for record in refinements:
                 writer.write(record)
     labels = replace(CARTPOLE, environment=found.environment)
     folder.write_trees(TreeDocument(PRUNED, labels), TreeDocument(FULL, labels), "a tree\n")
     if hall_of_fame:
-        folder.write_hall_of_fame([(record, TreeDocument(PRUNED, labels)) for record in hall_of_fame])
+        folder.write_hall_of_fame(
+            [(record, TreeDocument(chain(record.decision_nodes), labels)) for record in hall_of_fame]
+        )
     folder.write_summary(found)
     return path

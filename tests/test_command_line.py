@@ -37,6 +37,18 @@ class FakeExperiment(types.ModuleType):
         if config.env.id.startswith("Missing"):
             raise EnvironmentFaultError(f"env.id must be an installed one; got {config.env.id}")
 
+    def is_above_runs(self, path):
+        return path.is_dir()
+
+    def evaluate_runs(self, folder, episodes, seed, route, nodes):
+        self.evaluated.append((folder, episodes, seed, route, nodes))
+        return types.SimpleNamespace(
+            left_out=("multirun/3: broken",),
+            as_dict=lambda: {"episodes": 10},
+            as_text=lambda: "a table",
+            as_markdown=lambda: "| a table |",
+        )
+
     def evaluate(self, path, episodes, seed, route, nodes):
         self.evaluated.append((path, episodes, seed, route, nodes))
         if path.name == "missing":
@@ -179,6 +191,14 @@ def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experim
         (["evaluate", "tree", "--route", "x"], "argument --route: invalid choice: 'x'"),
         (["evaluate", "run", "--nodes", "-1"], "argument --nodes: must be an integer of at least 0; got -1"),
         (["evaluate", "tree", "--foo"], "unrecognized arguments: --foo"),
+        (
+            ["evaluate", "tree", "--json", "--markdown"],
+            "argument --markdown: not allowed with argument --json",
+        ),
+        (
+            ["evaluate", "tree", "--markdown"],
+            "--markdown tells of many runs, so expected a folder above them; got tree",
+        ),
         (["evaluate", "missing"], "missing must be a tree's file; got none"),
     ],
 )
@@ -249,6 +269,23 @@ def test_evaluate_measures_a_tree(experiment, capsys):
         (Path("runs/tree.json"), 1000, 10000, "auto", None),
         (Path("t"), 5, 1, "compiled", None),
         (Path("run"), 1000, 10000, "auto", 3),
+    ]
+
+
+def test_evaluate_measures_the_trees_of_many_runs(experiment, tmp_path, capsys):
+    (tmp_path / "multirun").mkdir()
+    assert main(["evaluate", "multirun", "--episodes", "10", "--seed", "7"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == "a table\n"
+    assert printed.err == "ge-torchrl: left out: multirun/3: broken\n"
+    assert main(["evaluate", "multirun", "--markdown", "--nodes", "3"]) == 0
+    assert capsys.readouterr().out == "| a table |\n"
+    assert main(["evaluate", "multirun", "--json", "--route", "compiled"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"episodes": 10}
+    assert experiment.evaluated == [
+        (Path("multirun"), 10, 7, "auto", None),
+        (Path("multirun"), 1000, 10000, "auto", 3),
+        (Path("multirun"), 1000, 10000, "compiled", None),
     ]
 
 

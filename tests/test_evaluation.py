@@ -5,9 +5,14 @@ import json
 import numpy as np
 import pytest
 from runs_for_tests import config, run
+from sweeps_for_tests import PRUNED, chain, honoured, write_run
 
+from ge_torchrl import evaluation
+from ge_torchrl.environments.choose import open_route
+from ge_torchrl.environments.spec import describe
 from ge_torchrl.errors import ArtefactError
-from ge_torchrl.evaluation import evaluate
+from ge_torchrl.evaluation import evaluate, evaluate_runs, is_above_runs
+from ge_torchrl.trees.forest import Forest
 
 
 @pytest.fixture(scope="module")
@@ -42,3 +47,107 @@ class TestEvaluation:
             evaluate(tmp_path / "nowhere.json", 1, 0)
         with pytest.raises(ArtefactError, match=r"best_tree\.json"):
             evaluate(tmp_path, 1, 0)
+
+
+class TestManyRuns:
+    EPISODES = np.arange(1_000_000, 1_000_020)
+
+    @pytest.fixture
+    def sweep(self, tmp_path):
+        """CartPole by two methods with halls of fame, and Acrobot without one; a broken run besides."""
+        folder = tmp_path / "sweep"
+        for seed, sizes, validation in ((3, (1, 2, 5), 400.0), (1, (1, 2), 450.0)):
+            hall = [honoured(size, 0.0, validation_mean=validation + size) for size in sizes]
+            write_run(folder / "deep" / f"{seed}", seed=seed, refiner="cmaes", hall_of_fame=hall)
+        write_run(folder / "ge", seed=7, wall_seconds=12.5)
+        write_run(folder / "other", seed=0, environment="Acrobot-v1", solved_at=-100.0)
+        (write_run(folder / "broken") / "best_tree.json").write_text("{")
+        return folder
+
+    def returns_of(self, tree):
+        route = open_route(describe("CartPole-v1"), "compiled")
+        try:
+            return route.evaluate(Forest.stack([tree]), self.EPISODES).returns[0]
+        finally:
+            route.close()
+
+    def test_runs_are_found_at_any_depth_and_come_by_environment_method_and_seed(self, sweep):
+        found = evaluate_runs(sweep, 20, 1_000_000)
+        assert [(one.environment, one.method, [each.seed for each in one.runs]) for one in found.methods] == [
+            ("Acrobot-v1", "GE", [0]),
+            ("CartPole-v1", "GE+CMA-ES", [1, 3]),
+            ("CartPole-v1", "GE", [7]),
+        ]
+        (line,) = found.left_out
+        assert line.startswith(f"{sweep / 'broken'}: ")
+
+    def test_champions_and_trees_of_each_size_are_measured_on_the_same_episodes(self, sweep):
+        _, cmaes, ge = evaluate_runs(sweep, 20, 1_000_000, "compiled").methods
+        champion = self.returns_of(PRUNED)
+        for tree in (one.chosen for one in (*cmaes.runs, *ge.runs)):
+            assert (tree.mean, tree.std, tree.decision_nodes) == (champion.mean(), champion.std(), 2)
+            assert tree.validation_mean == 490.0
+        assert [tree.decision_nodes for tree in cmaes.runs[1].by_size] == [1, 2, 5]
+        assert [tree.validation_mean for tree in cmaes.runs[1].by_size] == [401.0, 402.0, 405.0]
+        for tree in cmaes.runs[1].by_size:
+            assert tree.mean == self.returns_of(chain(tree.decision_nodes)).mean()
+        assert (ge.runs[0].wall_seconds, ge.runs[0].by_size) == (12.5, ())
+
+    def test_one_call_measures_all_trees_of_an_environment_each_once(self, sweep, monkeypatch):
+        sizes = []
+
+        def counting(spec, route):
+            opened = open_route(spec, route)
+            measure = opened.evaluate
+
+            def evaluate(forest, seeds):
+                sizes.append((spec.id, len(forest), list(seeds)))
+                return measure(forest, seeds)
+
+            opened.evaluate = evaluate
+            return opened
+
+        monkeypatch.setattr(evaluation, "open_route", counting)
+        evaluate_runs(sweep, 20, 1_000_000)
+        seeds = list(self.EPISODES)
+        assert sizes == [("Acrobot-v1", 1, seeds), ("CartPole-v1", 4, seeds)]
+
+    def test_runs_of_one_method_agree_with_single_evaluations(self, finished):
+        folder, summary, _ = finished
+        (method,) = evaluate_runs(folder.parent, 50, 0).methods
+        single = evaluate(folder, 50, 0)
+        (only,) = method.runs
+        assert (only.chosen.mean, only.chosen.std) == (single.mean, single.std)
+        assert only.chosen.validation_mean == summary.validation_mean
+        assert method.solved == int(single.solved)
+
+    def test_a_size_restricts_to_the_runs_that_have_it(self, sweep):
+        found = evaluate_runs(sweep, 20, 1_000_000, nodes=5)
+        ((only,),) = [one.runs for one in found.methods]
+        assert (only.seed, only.chosen.decision_nodes, len(only.by_size)) == (3, 5, 1)
+        assert only.chosen == only.by_size[0]
+        assert [line.partition(": ")[2] for line in found.left_out[1:]] == [
+            "it has no tree with 5 decision nodes"
+        ] * 3
+
+    def test_sizes_that_no_run_has_are_mistakes(self, sweep, finished):
+        with pytest.raises(
+            ArtefactError, match=r"must be one of 1, 2, 5, because the halls of fame in .*; got 9"
+        ):
+            evaluate_runs(sweep, 1, 0, nodes=9)
+        with pytest.raises(ArtefactError, match="must hold a hall of fame"):
+            evaluate_runs(finished[0].parent, 1, 0, nodes=9)
+
+    def test_a_folder_without_runs_is_a_mistake(self, tmp_path):
+        with pytest.raises(ArtefactError, match="expected a folder with finished runs; found none in"):
+            evaluate_runs(tmp_path, 1, 0)
+        (write_run(tmp_path / "broken") / "config.yaml").write_text("seed: -1")
+        with pytest.raises(ArtefactError, match=r"found none in .*; .*broken: "):
+            evaluate_runs(tmp_path, 1, 0)
+
+    def test_only_a_folder_that_is_no_run_is_above_runs(self, sweep):
+        assert is_above_runs(sweep)
+        assert is_above_runs(sweep / "deep")
+        assert not is_above_runs(sweep / "ge")
+        assert not is_above_runs(sweep / "ge" / "best_tree.json")
+        assert not is_above_runs(sweep / "nowhere")

@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from ge_torchrl.artefacts import RunFolder
+from ge_torchrl.errors import UserError
 from ge_torchrl.records import HallOfFameRecord, Summary
+from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.labels import TreeLabels
 from ge_torchrl.trees.rendering import render_rules, render_text
@@ -82,7 +85,7 @@ def closing_text(
         summary: What was found.
         tree: The pruned champion.
         labels: Names of features and actions.
-        folder: The run folder.
+        folder: The run folder, whose configuration tells by which method trees were refined.
         hall_of_fame: The best tree of each size; empty where the run kept none.
     """
     nodes = "1 decision node" if summary.decision_nodes == 1 else f"{summary.decision_nodes} decision nodes"
@@ -104,16 +107,39 @@ def closing_text(
         ),
         ("run folder", str(folder)),
     ]
-    if summary.refinements:
-        is_refined = summary.champion_from == "refinement"
-        told = f"{summary.refinements_improved} of {summary.refinements} refinements improved their tree"
-        champion = "the champion is a refined tree" if is_refined else "the champion is not a refined tree"
-        rows.insert(-1, ("PPO", f"{told}, {champion}, {summary.refine_seconds:.1f} s"))
+    rows[-1:-1] = _refinement_rows(summary, folder)
     if summary.stopped_by != "generations":
         rows.insert(0, ("stopped by", summary.stopped_by))
     table = "\n".join(f"{name:<11} {text}" for name, text in rows)
     best_by_size = f"{_best_by_size(hall_of_fame, summary)}\n\n" if hall_of_fame else ""
     return f"{render_text(tree, labels)}\n\n{best_by_size}{table}"
+
+
+def _refinement_rows(summary: Summary, folder: Path) -> list[tuple[str, str]]:
+    """Return what was refined, in the population and in exploring from the hall of fame."""
+    rows = []
+    if summary.refinements:
+        told = f"{summary.refinements_improved} of {summary.refinements} refinements improved their tree"
+        champion = {
+            "refinement": "the champion is a refined tree, ",
+            "population": "the champion is from the population, ",
+        }.get(summary.champion_from, "")
+        rows.append((_refiner(folder), f"{told}, {champion}{summary.refine_seconds:.1f} s"))
+    if summary.explored:
+        champion = "the champion is one of them, " if summary.champion_from == "neighbour" else ""
+        trees = "1 tree" if summary.explored == 1 else f"{summary.explored:,} trees"
+        told = f"{trees} refined from the hall of fame"
+        rows.append(("exploring", f"{told}, {champion}{summary.explore_seconds:.1f} s"))
+    return rows
+
+
+def _refiner(folder: Path) -> str:
+    """Return by which method the trees of a run were refined."""
+    try:
+        return refiner_of(method_of(RunFolder(folder).read_config()))
+    except UserError:
+        # Somebody may have taken the folder away; the words of a finished run are not to fail for that.
+        return "refinement"
 
 
 def _best_by_size(records: Sequence[HallOfFameRecord], summary: Summary) -> str:

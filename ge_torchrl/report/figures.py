@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.records import GenerationRecord
+from ge_torchrl.records import GenerationRecord, RefinementRecord
 from ge_torchrl.report.canvas import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, new_figure
+from ge_torchrl.report.methods import refiner_of
 from ge_torchrl.report.runs import Pair
 from ge_torchrl.report.statistics import SolvingTime, best_of, bootstrap_band
 
@@ -27,6 +28,10 @@ _RING: dict[str, Any] = {
     "markeredgewidth": 1.6,
     "linestyle": "none",
 }
+_OPEN: dict[str, Any] = {"color": "black", "marker": "o", "markerfacecolor": "white", "linestyle": "none"}
+
+# Of more refinements than these the new bests alone are marked.
+_MOST_RINGS = 12
 
 
 def best_curves(histories: Sequence[Sequence[GenerationRecord]]) -> NDArray[np.float64]:
@@ -83,12 +88,13 @@ def convergence_figure(
 
 
 def pairs_figure(pairs: Sequence[Pair], *, title: str, solved_at: float | None) -> Figure:
-    """Draw single runs, GE+PPO solid and GE alone dotted, the same seed in the same colour.
+    """Draw single runs, with refined trees solid and GE alone dotted, the same seed in the same colour.
 
-    A ring marks a generation with a refinement. Compare the thesis' figure 4.2, which shows three pairs.
+    A ring marks a generation with a refinement; in a run with many of them, one whose refinement was a new best.
+    Compare the thesis' figure 4.2, which shows three pairs.
 
     Args:
-        pairs: A few pairs of one environment.
+        pairs: A few pairs of one environment and method, at least one.
         title: Stands above the figure.
         solved_at: Threshold to mark, or None.
 
@@ -103,13 +109,13 @@ def pairs_figure(pairs: Sequence[Pair], *, title: str, solved_at: float | None) 
         solid, dotted = (best_curves([run.history])[0] for run in (refined, plain))
         axes.plot(dotted, color=colour, linestyle=":", linewidth=1.6)
         axes.plot(solid, color=colour, label=f"seed {refined.seed}")
-        rings = sorted({record.generation for record in refined.refinements if record.outcome != "skipped"})
-        axes.plot(rings, solid[rings], color=colour, marker="o", markerfacecolor="white", linestyle="none")
+        rings = _ringed(refined.refinements)
+        axes.plot(rings, solid[rings], **{**_OPEN, "color": colour})
     axes.set(xlabel="generation", ylabel="best fitness", xmargin=0.01)
     meanings = [
-        Line2D([], [], color="black", label="GE+PPO"),
+        Line2D([], [], color="black", label=pairs[0].method),
         Line2D([], [], color="black", linestyle=":", linewidth=1.6, label="GE alone"),
-        Line2D([], [], color="black", marker="o", markerfacecolor="white", linestyle="none", label="PPO"),
+        Line2D([], [], label=refiner_of(pairs[0].method), **_OPEN),
     ]
     # Beside the axes, as single runs leave no corner free.
     handles = [*axes.get_legend_handles_labels()[0], *meanings]
@@ -123,7 +129,7 @@ def solving_figure(pairs: Sequence[Pair], *, title: str, solved_at: float) -> Fi
     An arrow stands for a run that never did, at the generations it ran.
 
     Args:
-        pairs: Pairs of one environment.
+        pairs: Pairs of one environment and method, at least one.
         title: Stands above the figure.
         solved_at: The threshold.
 
@@ -134,12 +140,12 @@ def solving_figure(pairs: Sequence[Pair], *, title: str, solved_at: float) -> Fi
     axes = figure.add_subplot()
     axes.set_title(title, loc="left")
     for row, (refined, plain) in enumerate(pairs):
-        with_ppo, alone = (run.solving_time(solved_at) for run in (refined, plain))
-        axes.plot([alone.generations, with_ppo.generations], [row, row], color=GREY, zorder=1)
+        treated, alone = (run.solving_time(solved_at) for run in (refined, plain))
+        axes.plot([alone.generations, treated.generations], [row, row], color=GREY, zorder=1)
         # A ring around a dot: both are seen where they meet.
         axes.plot(alone.generations, row, marker=_marker(alone), **_RING)
-        axes.plot(with_ppo.generations, row, marker=_marker(with_ppo), **_DOT)
-    axes.plot([], [], marker="o", label="GE+PPO", **_DOT)
+        axes.plot(treated.generations, row, marker=_marker(treated), **_DOT)
+    axes.plot([], [], marker="o", label=pairs[0].method, **_DOT)
     axes.plot([], [], marker="o", label="GE alone", **_RING)
     axes.plot([], [], color="black", marker=">", linestyle="none", label="not within the run")
     axes.set_yticks(range(len(pairs)), [f"seed {refined.seed}" for refined, _ in pairs])
@@ -165,6 +171,13 @@ def _axes(title: str, solved_at: float | None) -> tuple[Figure, Axes]:
             solved_at, color="black", linestyle="--", linewidth=1, label=f"solved from {solved_at:g}"
         )
     return figure, axes
+
+
+def _ringed(records: Sequence[RefinementRecord]) -> list[int]:
+    """Return the generations to mark."""
+    applied = [record for record in records if record.outcome != "skipped"]
+    told = applied if len(applied) <= _MOST_RINGS else [record for record in applied if record.new_best]
+    return sorted({record.generation for record in told})
 
 
 def _marker(time: SolvingTime) -> str:

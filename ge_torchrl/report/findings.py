@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
 
-from ge_torchrl.report.published import PUBLISHED
-from ge_torchrl.report.refinements import count_refinements
-from ge_torchrl.report.runs import GE, GE_PPO, Pair, Run, unequal_sections
+from ge_torchrl.report.methods import GE_PPO, METHODS, refiner_of
+from ge_torchrl.report.published import PUBLISHED, PublishedSweep
+from ge_torchrl.report.refinements import Bridges, count_refinements
+from ge_torchrl.report.runs import Pair, Run, unequal_sections
 from ge_torchrl.report.statistics import (
     Interval,
     PairedRatio,
+    SolvingTime,
     bootstrap_interval,
+    env_steps_of,
+    generations_of,
     paired_ratio,
     wilson_interval,
 )
-from ge_torchrl.report.tables import markdown, published_summary, runs_table, thesis_table
+from ge_torchrl.report.tables import alternating, markdown, published_summary, runs_table, thesis_table
 
 
 def runs_tables(runs: Sequence[Run]) -> str:
@@ -26,7 +31,7 @@ def runs_tables(runs: Sequence[Run]) -> str:
     Args:
         runs: Runs in any order.
     """
-    methods = [method for method in (GE_PPO, GE) if any(run.method == method for run in runs)]
+    methods = [method for method in METHODS if any(run.method == method for run in runs)]
     tables = [
         runs_table([run.summary for run in runs if run.method == method], method if len(methods) > 1 else "")
         for method in methods
@@ -40,30 +45,35 @@ def overview_table(runs: Sequence[Run]) -> str:
     Args:
         runs: Runs of an environment and method side by side.
     """
-    rows = []
+    rows, theirs = [], []
     for (environment, method), group in groupby(runs, key=lambda run: (run.environment, run.method)):
         members = list(group)
-        published = PUBLISHED.get(environment)
-        thesis = ["", "", ""] if published is None or method != GE_PPO else published_summary(published)
-        ours = [
-            _solved(members),
-            f"{np.mean([run.summary.test_mean for run in members]):.2f}",
-            f"{np.mean([run.summary.complexity_M for run in members]):.1f}",
-        ]
-        both = [cell for pair in zip(ours, thesis, strict=True) for cell in pair]
-        rows.append([f"{environment} {method}", str(len(members)), *both])
-    head = ["method", "runs", "solved", "thesis", "mean test return", "thesis", "mean M", "thesis"]
-    return markdown(head, rows)
+        rows.append(
+            [
+                f"{environment} {method}",
+                str(len(members)),
+                _solved(members),
+                f"{np.mean([run.summary.test_mean for run in members]):.2f}",
+                f"{np.mean([run.summary.complexity_M for run in members]):.1f}",
+            ]
+        )
+        theirs.append(_published(members))
+    head = ["method", "runs", "solved", "mean test return", "mean M"]
+    if not any(theirs):
+        return markdown(head, rows)
+    thesis = [["", "", ""] if published is None else published_summary(published) for published in theirs]
+    beside = [[*row[:2], *alternating(row[2:], numbers)] for row, numbers in zip(rows, thesis, strict=True)]
+    return markdown([*head[:2], *alternating(head[2:], ["thesis"] * 3)], beside)
 
 
 def method_text(runs: Sequence[Run], rng: np.random.Generator) -> str:
-    """Return the table of runs, the thesis' numbers beside ours, and what the table shows.
+    """Return the table of runs, the thesis' numbers beside those of GE+PPO, and what the table shows.
 
     Args:
         runs: Runs of one environment and method.
         rng: Draws the resamples of intervals.
     """
-    published = PUBLISHED.get(runs[0].environment)
+    published = _published(runs)
     trained = [run.summary.train_fitness for run in runs]
     tested = [run.summary.test_mean for run in runs]
     lines = []
@@ -77,75 +87,110 @@ def method_text(runs: Sequence[Run], rng: np.random.Generator) -> str:
     if len({run.seed for run in runs}) < len(runs):
         lines.append("* Some seeds stand more than once; what pairs runs by seed takes the first of them.")
     table = thesis_table([run.summary for run in runs], published)
-    source = "" if published is None else f"\n\n{_source(published.table, runs[0].method)}"
+    source = "" if published is None else f"\n\n{_source(published.table)}"
     return f"{table}{source}\n\n" + "\n".join(lines)
 
 
 def refinements_text(runs: Sequence[Run]) -> str:
-    """Return how many applications of PPO improved a tree, by both ways of counting.
+    """Return how many refinements improved a tree, by both ways of counting, and what was lost on the way.
 
     Args:
-        runs: Runs of GE+PPO in one environment.
+        runs: Runs of one method with refined trees in one environment.
     """
     counts = count_refinements(record for run in runs for record in run.refinements)
     rows = {
         "return after > fitness before, as the thesis counts": counts.beyond_fitness,
         "return after > return before, on the same unseen episodes": counts.beyond_return,
         "best of its generation": counts.new_best,
+        "written back into the population": counts.written_back,
         "some threshold moved": counts.moved_thresholds,
         "some leaf changed its action": counts.changed_leaves,
         "training broke off": counts.failed,
     }
+    refiner = refiner_of(runs[0].method)
     table = markdown(
-        ["applications of PPO", f"of {counts.applied}"], [[what, str(n)] for what, n in rows.items()]
+        [f"applications of {refiner}", f"of {counts.applied}"], [[what, str(n)] for what, n in rows.items()]
     )
-    lines = [f"* The champion is a refined tree in {_champions(runs)} of {_number(len(runs), 'run')}."]
+    lines = [] if counts.bridges is None else [_bridges(counts.bridges)]
+    lines.append(_champions(runs, is_written_back=counts.written_back > 0))
+    if explored := sum(run.summary.explored for run in runs):
+        seconds = np.mean([run.summary.explore_seconds for run in runs])
+        lines.append(
+            f"* Besides, {explored:,} trees were refined in exploring from the hall of fame, "
+            f"{explored / len(runs):,.0f} a run in {seconds:.1f} s."
+        )
     if counts.skipped:
-        lines.append(f"* In {_number(counts.skipped, 'more generation')} no tree could be a candidate.")
-    if published := PUBLISHED.get(runs[0].environment):
+        were = "was" if counts.skipped == 1 else "were"
+        lines.append(f"* {counts.skipped:,} more {were} skipped, as no tree could be a candidate.")
+    if published := _published(runs):
         lines.append(f"* Thesis: {published.refinements_in_words}.")
     return f"{table}\n\n" + "\n".join(lines)
 
 
 def comparison_text(pairs: Sequence[Pair], solved_at: float, rng: np.random.Generator) -> str:
-    """Return how many generations GE+PPO and GE alone take to reach the threshold, seed by seed.
+    """Return what a method and GE alone take to reach the threshold, seed by seed: generations and steps.
 
     Args:
-        pairs: Pairs of one environment, at least one.
+        pairs: Pairs of one environment and method, at least one.
         solved_at: The threshold.
-        rng: Draws the resamples of the interval.
+        rng: Draws the resamples of the intervals.
     """
+    method = pairs[0].method
+    refiner = refiner_of(method)
     times = [(refined.solving_time(solved_at), plain.solving_time(solved_at)) for refined, plain in pairs]
-    rows = []
-    for (refined, _), (treated, control) in zip(pairs, times, strict=True):
-        cells = [
-            f"> {time.generations}" if time.censored else str(time.generations) for time in (treated, control)
-        ]
-        rows.append([str(refined.seed), *cells, f"{treated.generations / control.generations:.2f}"])
     ratio = paired_ratio(times, rng)
-    direction = "faster" if ratio.median < 1 else "slower" if ratio.median > 1 else "as fast"
+    steps = paired_ratio(times, rng, measure=env_steps_of)
     n = len(pairs)
     lines = [
         (
-            f"* Median ratio: {_interval(ratio.median, ratio.interval, n)}. "
-            f"By the median, GE+PPO is {direction}{_doubt(ratio)}."
+            f"* Median ratio of generations: {_interval(ratio.median, ratio.interval, n)}. "
+            f"By the median, {method} is {_direction(ratio, 'faster', 'slower', 'as fast')}."
         ),
         (
-            f"* Never reached: {ratio.treated_censored} of {n} with PPO, {ratio.control_censored} of {n} without, "
-            f"{ratio.both_censored} in both. Such a run counts as the generations that it ran, a lower bound."
+            f"* Median ratio of environment steps, those of refinement included: "
+            f"{_interval(steps.median, steps.interval, n)}. "
+            f"By the median, {method} takes {_direction(steps, 'fewer', 'more', 'as many')}."
         ),
-        f"* Generations leave out what PPO samples itself. {_samples(pairs)}.",
+        (
+            f"* Never reached: {ratio.treated_censored} of {n} with {refiner}, {ratio.control_censored} of {n} "
+            f"without, {ratio.both_censored} in both. Such a run counts as all that it took, a lower bound."
+        ),
+        f"* {_whole_runs(pairs)}.",
     ]
     if sections := unequal_sections(pairs):
-        lines.append(f"* Mind that the runs of a pair differ in more than PPO: {', '.join(sections)}.")
-    table = markdown(["seed", "GE+PPO", "GE alone", "ratio"], rows)
-    return f"{table}\n\n" + "\n".join(lines)
+        lines.append(f"* Mind that the runs of a pair differ in more than refinement: {', '.join(sections)}.")
+    return f"{_comparison_table(pairs, times)}\n\n" + "\n".join(lines)
 
 
-def _source(table: str, method: str) -> str:
-    other = "" if method == GE_PPO else "The thesis' runs are of GE+PPO, these of GE alone. "
+def _comparison_table(pairs: Sequence[Pair], times: Sequence[tuple[SolvingTime, SolvingTime]]) -> str:
+    def row(seed: int, treated: SolvingTime, control: SolvingTime) -> list[str]:
+        generations, steps = (
+            [
+                _took(treated, measure(treated)),
+                _took(control, measure(control)),
+                f"{measure(treated) / measure(control):.2f}",
+            ]
+            for measure in (generations_of, env_steps_of)
+        )
+        return [str(seed), *generations, *steps]
+
+    method = pairs[0].method
+    head = ["seed", method, "GE alone", "ratio", f"env steps, {method}", "GE alone", "ratio"]
+    return markdown(head, [row(pair.refined.seed, *both) for pair, both in zip(pairs, times, strict=True)])
+
+
+def _took(time: SolvingTime, number: int) -> str:
+    return f"> {number:,}" if time.censored else f"{number:,}"
+
+
+def _published(runs: Sequence[Run]) -> PublishedSweep | None:
+    """Return the thesis' runs to stand beside these; it has runs of GE+PPO alone."""
+    return PUBLISHED.get(runs[0].environment) if runs[0].method == GE_PPO else None
+
+
+def _source(table: str) -> str:
     return (
-        f"Thesis: Table {table}. {other}A seed does not make the same run in two programs: compare columns, not "
+        f"Thesis: Table {table}. A seed does not make the same run in two programs: compare columns, not "
         "rows. The thesis' means are of all its runs."
     )
 
@@ -171,23 +216,49 @@ def _gap(trained: Sequence[float], tested: Sequence[float]) -> str:
     return f"{abs(gap):.2f} {'above' if gap >= 0 else 'below'} it on average"
 
 
-def _doubt(ratio: PairedRatio) -> str:
+def _direction(ratio: PairedRatio, less: str, more: str, same: str) -> str:
+    """Return in which direction a ratio points, and whether that is in doubt."""
+    direction = less if ratio.median < 1 else more if ratio.median > 1 else same
     if ratio.pairs == 1:
-        return ", but one pair shows little"
-    undecided = ratio.median != 1 and ratio.interval.low <= 1 <= ratio.interval.high
-    return ", but the interval does not exclude 1" if undecided else ""
+        return f"{direction}, but one pair shows little"
+    is_undecided = ratio.median != 1 and ratio.interval.low <= 1 <= ratio.interval.high
+    return f"{direction}, but the interval does not exclude 1" if is_undecided else direction
 
 
-def _champions(runs: Sequence[Run]) -> int:
-    return sum(run.summary.champion_from == "refinement" for run in runs)
-
-
-def _samples(pairs: Sequence[Pair]) -> str:
-    sampled = np.mean([count_refinements(refined.refinements).timesteps for refined, _ in pairs])
-    with_ppo, alone = (np.mean([run.summary.env_steps for run in runs]) for runs in zip(*pairs, strict=True))
+def _bridges(bridges: Bridges) -> str:
+    hardening = ""
+    if bridges.soft is not None and bridges.lost_in_hardening is not None:
+        hardening = (
+            f"{bridges.lost_in_hardening:.2f} in hardening (soft {bridges.soft:.2f} -> {bridges.after:.2f}), "
+        )
     return (
-        f"In environment steps, a run took {with_ppo:,.0f} with PPO, {sampled:,.0f} of them sampled by it, and "
-        f"{alone:,.0f} without"
+        f"* Mean loss of each bridge, of the {_number(bridges.applications, 'tree')} with all returns known: "
+        f"{hardening}{bridges.lost_in_snapping:.2f} in snapping to the grammar's constants "
+        f"({bridges.after:.2f} -> {bridges.snapped:.2f}). Before, they returned {bridges.before:.2f}."
+    )
+
+
+def _champions(runs: Sequence[Run], *, is_written_back: bool) -> str:
+    origins = Counter(run.summary.champion_from for run in runs)
+    explored = ""
+    if any(run.summary.explored for run in runs):
+        explored = f", and a tree refined in exploring in {origins['neighbour']}"
+    caveat = " A tree that was written back counts as one of the population." if is_written_back else ""
+    return (
+        f"* The champion is a refined tree in {origins['refinement']} of {_number(len(runs), 'run')}"
+        f"{explored}.{caveat}"
+    )
+
+
+def _whole_runs(pairs: Sequence[Pair]) -> str:
+    refiner = refiner_of(pairs[0].method)
+    sampled = np.mean([count_refinements(refined.refinements).timesteps for refined, _ in pairs])
+    treated, alone = (np.mean([run.summary.env_steps for run in runs]) for runs in zip(*pairs, strict=True))
+    explored = np.mean([refined.summary.explored for refined, _ in pairs])
+    exploring = f" and others in refining {explored:,.0f} trees of its hall of fame" if explored else ""
+    return (
+        f"In environment steps, a whole run took {treated:,.0f} with {refiner}, {sampled:,.0f} of them in refining "
+        f"trees of its population{exploring}, and {alone:,.0f} without"
     )
 
 

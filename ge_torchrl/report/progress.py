@@ -12,11 +12,15 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from ge_torchrl.config import Config
 from ge_torchrl.records import GenerationRecord, RefinementRecord
+from ge_torchrl.report.methods import method_of, refiner_of
 
 # The table shows the generations that brought something new, and the last one.
 _SHOWN_ROWS = 12
 _PLAIN_LINES = 12
+# Of more refinements than these only what is news gets a line.
+_MOST_REFINEMENTS = 12
 _REFRESH_SECONDS = 0.1
 
 
@@ -26,11 +30,15 @@ class Progress:
     Args:
         console: Where to; a terminal gets the live table, anything else plain lines.
         generations: How many are planned.
+        config: The run's configuration, which tells how trees are refined; None tells nothing of it.
     """
 
-    def __init__(self, console: Console, generations: int) -> None:
+    def __init__(self, console: Console, generations: int, config: Config | None = None) -> None:
         self._console = console
         self._generations = generations
+        self._refiner = "refinement" if config is None else refiner_of(method_of(config))
+        self._refines_often = config is not None and _planned_refinements(config) > _MOST_REFINEMENTS
+        self._columns = _COLUMNS + (_EXPLORED,) * (config is not None and _explores(config))
         self._milestones: list[GenerationRecord] = []
         self._last: GenerationRecord | None = None
         self._live: Live | None = None
@@ -41,7 +49,7 @@ class Progress:
             self._live = Live(console=self._console, auto_refresh=False, transient=False)
             self._live.start()
         else:
-            self._console.print(_plain_header(), highlight=False)
+            self._print_cells(self._columns)
         return self
 
     def __exit__(
@@ -67,14 +75,20 @@ class Progress:
             self._refresh()
 
     def show_refinement(self, record: RefinementRecord) -> None:
-        """Show an application of PPO: above the live table, or as a line of its own."""
+        """Show a refinement above the live table, or as a line of its own; of many only new bests and failures."""
+        if self._refines_often and not (record.new_best or record.outcome == "failed"):
+            return
         console = self._console if self._live is None else self._live.console
-        console.print(_refinement_line(record), highlight=False, soft_wrap=True)
+        console.print(_refinement_line(record, self._refiner), highlight=False, soft_wrap=True)
 
     def _print_line(self, record: GenerationRecord) -> None:
-        cells = (cell.rjust(width) for cell, width in zip(self._cells(record), _WIDTHS, strict=True))
-        self._console.print("  ".join(cells), highlight=False)
+        self._print_cells(self._cells(record))
         self._printed = record
+
+    def _print_cells(self, cells: tuple[str, ...]) -> None:
+        widths = (max(len(title), _LEAST_WIDTH) for title in self._columns)
+        line = "  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))
+        self._console.print(line, highlight=False, soft_wrap=True)
 
     def _refresh(self) -> None:
         self._shown_at = time.monotonic()
@@ -83,7 +97,7 @@ class Progress:
 
     def _table(self, last: GenerationRecord) -> Group:
         table = Table(box=None, pad_edge=False, header_style="bold")
-        for title in _COLUMNS:
+        for title in self._columns:
             table.add_column(title, justify="right")
         earlier = [record for record in self._milestones if record is not last]
         for record in earlier[-_SHOWN_ROWS + 1 :]:
@@ -98,22 +112,35 @@ class Progress:
     def _cells(self, record: GenerationRecord) -> tuple[str, ...]:
         elapsed = max(record.elapsed_seconds, 1e-9)
         left = elapsed / (record.generation + 1) * (self._generations - record.generation - 1)
-        return (
+        cells = (
             str(record.generation),
             _number(_best(record)),
             _number(record.median_fitness),
             "-" if record.best_decision_nodes is None else str(record.best_decision_nodes),
             _rate(record.env_steps / elapsed),
             _duration(left),
+            f"{record.explored:,}",
         )
+        return cells[: len(self._columns)]
 
 
 _COLUMNS = ("generation", "best", "median", "splits of best", "env steps/s", "time left")
-_WIDTHS = tuple(max(len(title), 8) for title in _COLUMNS)
+# Trees refined so far in exploring from the hall of fame.
+_EXPLORED = "explored"
+_LEAST_WIDTH = 8
 
 
-def _plain_header() -> str:
-    return "  ".join(title.rjust(width) for title, width in zip(_COLUMNS, _WIDTHS, strict=True))
+def _planned_refinements(config: Config) -> float:
+    """Return how many trees of the population will be refined, as expected."""
+    refiner = config.refiner
+    generations = sum(map(refiner.schedule.applies_to, range(config.ge.generations)))
+    return generations * refiner.candidates * refiner.probability if refiner.enabled else 0
+
+
+def _explores(config: Config) -> bool:
+    """Tell whether trees will be refined in exploring from the hall of fame."""
+    hall = config.hall_of_fame
+    return config.refiner.enabled and hall.enabled and hall.neighbours + hall.revisits > 0
 
 
 def _best(record: GenerationRecord) -> float | None:
@@ -128,28 +155,19 @@ def _improves(record: GenerationRecord, on: GenerationRecord) -> bool:
     return ours is not None and (theirs is None or ours > theirs)
 
 
-def _refinement_line(record: RefinementRecord) -> str:
-    front = f"generation {record.generation}, PPO:"
+def _refinement_line(record: RefinementRecord, refiner: str) -> str:
+    front = f"generation {record.generation}  {refiner}:"
     if record.outcome == "skipped":
         return f"{front} skipped, no candidate in {record.redraws} redraws"
-    what = f"{front} {record.chosen} tree of {record.decision_nodes} decision nodes"
+    nodes = "1 node" if record.decision_nodes == 1 else f"{record.decision_nodes} nodes"
+    what = f"{front} {record.chosen} tree of {nodes}"
     if record.outcome == "failed":
-        return f"{what} kept as it was, {record.failure} ({record.refine_seconds:.1f} s)"
-    verdict = (
-        "new best" if record.new_best else "improved" if record.outcome == "improved" else "not improved"
-    )
+        return f"{what} kept as it was, {record.failure}, {record.refine_seconds:.1f} s"
+    verdict = "new best" if record.new_best else record.outcome.replace("_", " ")
     return (
-        f"{what} and fitness {_number(record.fitness_before)}: "
-        f"{_number(record.return_before)} -> {_number(record.return_after)} on unseen episodes "
-        f"(soft {_number(record.soft_return)}), {verdict}; "
-        f"{_counted(record.thresholds_moved, 'threshold')} and {_counted(record.leaves_changed, 'leaf')} changed "
-        f"in {record.timesteps:,} steps, {record.refine_seconds:.1f} s"
+        f"{what}, {_number(record.return_before)} -> {_number(record.return_after)} on unseen episodes, "
+        f"{verdict}, {record.refine_seconds:.1f} s"
     )
-
-
-def _counted(number: int | None, what: str) -> str:
-    plural = {"threshold": "thresholds", "leaf": "leaves"}[what]
-    return f"{number} {what if number == 1 else plural}"
 
 
 def _number(value: float | None) -> str:

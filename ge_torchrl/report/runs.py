@@ -11,10 +11,9 @@ from ge_torchrl.artefacts import BEST_TREE_FULL, HISTORY, RunFolder, find_runs
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.records import GenerationRecord, HallOfFameRecord, RefinementRecord, Summary
+from ge_torchrl.report.methods import GE, GE_PPO, METHODS, method_of
 from ge_torchrl.report.statistics import SolvingTime, solving_time
 from ge_torchrl.trees.serialization import TreeDocument, read_tree
-
-GE, GE_PPO = "GE", "GE+PPO"
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class Run:
         config: Its configuration.
         summary: What it found.
         history: Its generations.
-        refinements: Its applications of PPO, skipped ones included; none in a run of GE alone.
+        refinements: Its refinements, skipped ones included; none in a run of GE alone.
         pruned: The champion.
         full: The champion as its genotype maps to it.
         hall_of_fame: Its best tree of each size, from small to large; none where it kept no hall of fame.
@@ -43,8 +42,8 @@ class Run:
 
     @property
     def method(self) -> str:
-        """`GE` or `GE+PPO`."""
-        return GE_PPO if self.config.refiner.enabled else GE
+        """One of `METHODS`."""
+        return method_of(self.config)
 
     @property
     def environment(self) -> str:
@@ -65,19 +64,24 @@ class Pair(NamedTuple):
     """Two runs of one environment and seed.
 
     Attributes:
-        refined: The run of GE+PPO.
+        refined: The run with refined trees.
         plain: The run of GE alone.
     """
 
     refined: Run
     plain: Run
 
+    @property
+    def method(self) -> str:
+        """The method of the run with refined trees."""
+        return self.refined.method
+
 
 class FoundRuns(NamedTuple):
     """What a folder holds.
 
     Attributes:
-        runs: Runs in the order of environment, GE+PPO before GE, seed and path.
+        runs: Runs in the order of environment, method as in `METHODS`, seed and path.
         unreadable: For every run that cannot be read one line that names it and says why.
     """
 
@@ -88,8 +92,8 @@ class FoundRuns(NamedTuple):
     def in_order(cls, runs: Iterable[Run], unreadable: Iterable[str]) -> FoundRuns:
         """Return these runs in their order."""
 
-        def order(run: Run) -> tuple[str, bool, int, Path]:
-            return run.environment, run.method == GE, run.seed, run.path
+        def order(run: Run) -> tuple[str, int, int, Path]:
+            return run.environment, METHODS.index(run.method), run.seed, run.path
 
         return cls(tuple(sorted(runs, key=order)), tuple(unreadable))
 
@@ -141,19 +145,20 @@ def read_run(path: Path) -> Run:
     )
 
 
-def pair_by_seed(runs: Sequence[Run]) -> tuple[Pair, ...]:
-    """Return for every seed with a run of each method that pair; of several runs of a seed the first.
+def pair_by_seed(runs: Sequence[Run], method: str = GE_PPO) -> tuple[Pair, ...]:
+    """Return for every seed with a run of a method and one of GE alone that pair; of several of a seed the first.
 
     Args:
         runs: Runs of one environment.
+        method: The method with refined trees.
     """
     first: dict[tuple[str, int], Run] = {}
     for run in runs:
         first.setdefault((run.method, run.seed), run)
     return tuple(
-        Pair(first[GE_PPO, seed], first[GE, seed])
+        Pair(first[method, seed], first[GE, seed])
         for seed in sorted({run.seed for run in runs})
-        if (GE_PPO, seed) in first and (GE, seed) in first
+        if (method, seed) in first and (GE, seed) in first
     )
 
 

@@ -1,8 +1,8 @@
-"""How sure one can be of a few runs: intervals for means and rates, and ratios of solving times."""
+"""How sure one can be of a few runs: intervals for means and rates, and ratios of what solving took."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import NamedTuple
@@ -32,10 +32,13 @@ class SolvingTime:
     Attributes:
         generation: Number of that generation, 0 for the first population; None where none did (censored).
         generations_run: Generations that the run lasted, the first population included.
+        env_steps: Environment steps up to the end of that generation, refinements and exploring included; of a
+            censored run all its steps, a lower bound.
     """
 
     generation: int | None
     generations_run: int
+    env_steps: int
 
     @property
     def censored(self) -> bool:
@@ -50,10 +53,10 @@ class SolvingTime:
 
 @dataclass(frozen=True)
 class PairedRatio:
-    """Solving times of treated runs over those of their controls.
+    """What treated runs took to reach the threshold over what their controls took.
 
     Attributes:
-        median: Median of the ratios; below 1 the treatment is faster.
+        median: Median of the ratios; below 1 the treatment takes less.
         interval: Bootstrap interval of the median over pairs.
         pairs: Number of pairs.
         treated_censored: Treated runs that never reached the threshold; their ratios are too small.
@@ -179,31 +182,50 @@ def generations_to_solve(history: Sequence[GenerationRecord], threshold: float) 
 
 
 def solving_time(history: Sequence[GenerationRecord], threshold: float) -> SolvingTime:
-    """Return when a run reached the threshold, and how long it had to do so."""
-    return SolvingTime(generations_to_solve(history, threshold), len(history))
+    """Return when a run reached the threshold, and how long it had to do so.
+
+    Args:
+        history: Generations in their order, at least one.
+        threshold: Mean return from which the task counts as solved.
+    """
+    solved_in = generations_to_solve(history, threshold)
+    last = next((record for record in history if record.generation == solved_in), history[-1])
+    return SolvingTime(solved_in, len(history), last.env_steps)
+
+
+def generations_of(time: SolvingTime) -> int:
+    """Return the generations that a run took to reach the threshold."""
+    return time.generations
+
+
+def env_steps_of(time: SolvingTime) -> int:
+    """Return the environment steps that a run took to reach the threshold."""
+    return time.env_steps
 
 
 def paired_ratio(
     pairs: Sequence[tuple[SolvingTime, SolvingTime]],
     rng: np.random.Generator,
     *,
+    measure: Callable[[SolvingTime], int] = generations_of,
     confidence: float = 0.95,
     n_resamples: int = 10_000,
 ) -> PairedRatio:
-    """Return the median over pairs of `generations(treated) / generations(control)`, with its interval.
+    """Return the median over pairs of `measure(treated) / measure(control)`, with its interval.
 
-    A censored run counts as the generations that it ran, a lower bound of what it would have needed.
+    A censored run counts as all that it took, a lower bound of what it would have needed.
 
     Args:
         pairs: [R] a treated run and its control, of one seed each.
         rng: Resamples the pairs.
+        measure: What counts: `generations_of` or `env_steps_of`.
         confidence: As of `bootstrap_interval`.
         n_resamples: Likewise.
 
     Raises:
         ValueError: There is no pair.
     """
-    ratios = [treated.generations / control.generations for treated, control in pairs]
+    ratios = [measure(treated) / measure(control) for treated, control in pairs]
     interval = bootstrap_interval(
         ratios, rng, statistic="median", confidence=confidence, n_resamples=n_resamples
     )

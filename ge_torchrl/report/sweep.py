@@ -16,7 +16,8 @@ from ge_torchrl.report.drawing import save_tree
 from ge_torchrl.report.figures import convergence_figure, pairs_figure, solving_figure
 from ge_torchrl.report.findings import comparison_text, method_text, overview_table, refinements_text
 from ge_torchrl.report.hall_of_fame import hall_of_fame_table, size_figure
-from ge_torchrl.report.runs import GE_PPO, FoundRuns, Pair, Run, pair_by_seed, read_runs
+from ge_torchrl.report.methods import GE, refiner_of
+from ge_torchrl.report.runs import FoundRuns, Pair, Run, pair_by_seed, read_runs
 
 REPORT = "report.md"
 # The thesis' figure 4.2 shows as many.
@@ -30,8 +31,8 @@ def write_report(folder: Path, against: Path | None, output: Path) -> Path:
 
     Args:
         folder: Where the runs are.
-        against: Where runs of the other method are, if not there: for every environment the method that
-            `folder` lacks is taken from here.
+        against: Where runs of other methods are, if not there: for every environment the methods that `folder`
+            lacks are taken from here.
         output: Folder of the report; what a former report wrote there is replaced.
 
     Returns:
@@ -62,10 +63,10 @@ def gather_runs(folder: Path, against: Path | None = None) -> FoundRuns:
 
     Args:
         folder: Where the runs are.
-        against: Where runs of the other method are, or None.
+        against: Where runs of other methods are, or None.
 
     Returns:
-        Runs in the order of environment, GE+PPO before GE, seed and path.
+        Runs in the order of environment, method, seed and path.
 
     Raises:
         ArtefactError: A folder has no run, or `against` adds none.
@@ -83,7 +84,7 @@ def gather_runs(folder: Path, against: Path | None = None) -> FoundRuns:
     ]
     if not added:
         raise ArtefactError(
-            f"--against must hold runs of a method that {folder} lacks in the same environment, GE or GE+PPO; "
+            f"--against must hold runs of a method that {folder} lacks in the same environment, to compare them; "
             f"those in {against} are of {', '.join(sorted({f'{r.environment} {r.method}' for r in others.runs}))}"
         )
     return FoundRuns.in_order([*found.runs, *added], [*found.unreadable, *others.unreadable])
@@ -98,7 +99,7 @@ def best_run(runs: Sequence[Run]) -> Run:
 
 
 def telling_pairs(pairs: Sequence[Pair], solved_at: float) -> list[Pair]:
-    """Return the few pairs in which PPO saved most generations, in the order of their seeds."""
+    """Return the few pairs in which refinement saved most generations, in the order of their seeds."""
 
     def saved(pair: Pair) -> int:
         refined, plain = (run.solving_time(solved_at).generations for run in pair)
@@ -112,11 +113,16 @@ def _head(folder: Path, found: FoundRuns) -> str:
     n = len(found.runs)
     return (
         f"# Report of {folder.resolve().name}\n\n"
-        f"{n} finished run{'' if n == 1 else 's'}, read by ge_torchrl {__version__}. GE is Grammatical Evolution "
-        "alone, GE+PPO with trees refined by PPO. Numbers in brackets are 95 % intervals: Wilson's for rates, "
-        "bootstrapped over runs for means and medians.\n\n"
+        f"{n} finished run{'' if n == 1 else 's'}, read by ge_torchrl {__version__}. {_methods(found.runs)}. Numbers "
+        "in brackets are 95 % intervals: Wilson's for rates, bootstrapped over runs for means and medians.\n\n"
         f"{overview_table(found.runs)}"
     )
+
+
+def _methods(runs: Sequence[Run]) -> str:
+    refining = [method for method in dict.fromkeys(run.method for run in runs) if method != GE]
+    told = [f", {method} with trees refined by {refiner_of(method)}" for method in sorted(refining)]
+    return f"GE is Grammatical Evolution alone{''.join(told)}"
 
 
 def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Iterator[str]:
@@ -128,47 +134,53 @@ def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Ite
         yield f"Solved from a mean return of {solved_at:g} on {episodes} unseen episodes."
     for method, members in methods.items():
         yield f"### {environment}: {method}\n\n{method_text(members, rng)}"
-        if method == GE_PPO:
-            yield f"### {environment}: what PPO did\n\n{refinements_text(members)}"
-    pairs = pair_by_seed(runs)
-    if pairs and solved_at is not None:
-        comparison = comparison_text(pairs, solved_at, rng)
-        yield f"### {environment}: generations to solve, with PPO and without\n\n{comparison}"
+        if method != GE:
+            yield f"### {environment}: what {refiner_of(method)} did\n\n{refinements_text(members)}"
+    compared = {method: pairs for method in methods if method != GE and (pairs := pair_by_seed(runs, method))}
+    for method, pairs in compared.items():
+        if solved_at is not None:
+            yield (
+                f"### {environment}: generations to solve, with {refiner_of(method)} and without\n\n"
+                f"{comparison_text(pairs, solved_at, rng)}"
+            )
     yield from _halls_of_fame(methods, output / "figures" / _slug(f"{environment}-sizes"))
-    yield from _figures(methods, pairs, output / "figures" / _slug(environment), rng)
+    yield from _figures(methods, output / "figures" / _slug(environment), rng)
+    for method, pairs in compared.items():
+        if solved_at is not None:
+            yield from _pair_figures(pairs, solved_at, output / "figures" / _slug(f"{environment} {method}"))
     for method, members in methods.items():
         yield _best_tree(method, best_run(members), output / "trees" / _slug(f"{environment} {method}"))
 
 
-def _figures(
-    methods: dict[str, list[Run]], pairs: Sequence[Pair], stem: Path, rng: np.random.Generator
-) -> Iterator[str]:
+def _figures(methods: dict[str, list[Run]], stem: Path, rng: np.random.Generator) -> Iterator[str]:
     first = next(iter(methods.values()))[0]
-    environment, solved_at = first.environment, first.summary.solved_at
     histories = {method: [run.history for run in runs] for method, runs in methods.items()}
-    yield f"### {environment}: figures"
-    figure = convergence_figure(histories, rng, title=environment, solved_at=solved_at)
+    yield f"### {first.environment}: figures"
+    figure = convergence_figure(histories, rng, title=first.environment, solved_at=first.summary.solved_at)
     yield _image(
         save_figure(figure, stem.with_name(f"{stem.name}-fitness"))[0],
         "Mean best fitness",
         "Mean best training fitness of all runs over generations, refined trees included; the band is the 95 % "
         "bootstrap interval of the mean.",
     )
-    if not pairs or solved_at is None:
-        return
+
+
+def _pair_figures(pairs: Sequence[Pair], solved_at: float, stem: Path) -> Iterator[str]:
+    environment, method, refiner = pairs[0].refined.environment, pairs[0].method, refiner_of(pairs[0].method)
     figure = solving_figure(pairs, title=environment, solved_at=solved_at)
     yield _image(
         save_figure(figure, stem.with_name(f"{stem.name}-solving"))[0],
         "Generations to solve",
-        "Generations until the best training fitness reaches the threshold, for every seed.",
+        f"Generations until the best training fitness reaches the threshold, for every seed, {method} and GE alone.",
     )
     shown = telling_pairs(pairs, solved_at)
     figure = pairs_figure(shown, title=environment, solved_at=solved_at)
-    chosen = "" if len(shown) == len(pairs) else " The pairs in which PPO saved most are shown."
+    chosen = "" if len(shown) == len(pairs) else f" The pairs in which {refiner} saved most are shown."
     yield _image(
         save_figure(figure, stem.with_name(f"{stem.name}-pairs"))[0],
         "Single runs",
-        f"Single runs: GE+PPO solid, GE alone dotted, rings where PPO was applied.{chosen}",
+        f"Single runs: {method} solid, GE alone dotted, rings where {refiner} was applied or, where it was applied "
+        f"often, gave a new best.{chosen}",
     )
 
 

@@ -79,10 +79,10 @@ def thesis_table(runs: Sequence[Summary], published: PublishedSweep | None) -> s
     theirs = [*(_published_cells(published, run.seed) for run in runs), _published_means(published)]
     names = [*(f"R{run.seed + 1}" for run in runs), ""]
     rows = [
-        [name, seed, *_alternating(row, beside)]
+        [name, seed, *alternating(row, beside)]
         for name, seed, row, beside in zip(names, seeds, ours, theirs, strict=True)
     ]
-    return markdown(["run", "seed", *_alternating(head, ["thesis"] * 4)], rows)
+    return markdown(["run", "seed", *alternating(head, ["thesis"] * 4)], rows)
 
 
 def published_summary(published: PublishedSweep) -> list[str]:
@@ -112,10 +112,6 @@ def _numbers(train_fitness: float, test_mean: float, complexity: float) -> list[
     return [f"{train_fitness:.2f}", f"{test_mean:.2f}", f"{complexity:.1f}"]
 
 
-def _alternating(ours: Sequence[str], theirs: Sequence[str]) -> list[str]:
-    return [cell for pair in zip(ours, theirs, strict=True) for cell in pair]
-
-
 def _yes(solved: bool | None) -> str:
     return "" if solved is None else "yes" if solved else "no"
 
@@ -128,6 +124,20 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a Markdown table, all columns but the first aligned to the right."""
     lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table for a terminal, all columns aligned to the right."""
+    lines = [head, *rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in lines
+    )
+
+
+def alternating(ours: Sequence[str], theirs: Sequence[str]) -> list[str]:
+    """Return two rows as one, a cell of ours and one of theirs in turn."""
+    return [cell for pair in zip(ours, theirs, strict=True) for cell in pair]
 
 
 def _mean(values: Iterable[float]) -> float:

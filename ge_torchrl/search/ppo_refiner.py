@@ -82,7 +82,14 @@ class PPORefiner:
         # A stream of their own: with or without snapshots, training is the same to the bit.
         seeds = episode_seeds("training", factor * config.snapshot_episodes, rng.spawn(1)[0])
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
-        ddt = soften(tree, n_actions, alpha=config.alpha, leaf_sd=config.leaf_sd, generator=generator)
+        ddt = soften(
+            tree,
+            n_actions,
+            alpha=config.alpha,
+            leaf_sd=config.leaf_sd,
+            leaf_scale=config.leaf_scale,
+            generator=generator,
+        )
         source = open_source(self._route.spec, config.source, rng=rng)
         snapshots = Snapshots(self._route, tree, seeds)
         try:

@@ -1,8 +1,9 @@
 from pathlib import Path
 
 from records_for_tests import summary
-from sweeps_for_tests import honoured
+from sweeps_for_tests import config, honoured
 
+from ge_torchrl.artefacts import RunFolder
 from ge_torchrl.report.closing import EvaluationSummary, closing_text, verdict
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.labels import TreeLabels
@@ -47,6 +48,39 @@ def test_the_hall_of_fame_stands_between_with_a_mark_at_the_champion():
         "            11          500.00 ± 0.00",
         "",
         "training    500.00  the champion's fitness on its training episodes",
+    ]
+
+
+def rows_of(folder, **changes):
+    """Return the rows between effort and the folder."""
+    lines = closing_text(summary(**changes), leaf(0), LABELS, folder).splitlines()
+    return lines[[line.split()[0] if line else "" for line in lines].index("effort") + 1 : -1]
+
+
+def test_refinements_are_named_after_their_method(tmp_path):
+    RunFolder.create(tmp_path / "ppo", config(refiner="ppo"))
+    RunFolder.create(tmp_path / "cmaes", config(refiner="cmaes"))
+    refined = {"refinements": 4, "refinements_improved": 3, "refine_seconds": 41.23}
+    assert rows_of(tmp_path / "ppo", **refined, champion_from="refinement") == [
+        "PPO         3 of 4 refinements improved their tree, the champion is a refined tree, 41.2 s"
+    ]
+    assert rows_of(tmp_path / "cmaes", **refined) == [
+        "CMA-ES      3 of 4 refinements improved their tree, the champion is from the population, 41.2 s"
+    ]
+    assert rows_of(tmp_path / "gone", **refined)[0].startswith("refinement  3 of 4 refinements")
+    assert rows_of(tmp_path / "gone") == []
+
+
+def test_exploring_is_told_with_its_champion(tmp_path):
+    RunFolder.create(tmp_path / "run", config(refiner="cmaes"))
+    explored = {"explored": 1593, "explore_seconds": 47.96}
+    assert rows_of(tmp_path / "run", **explored) == [
+        "exploring   1,593 trees refined from the hall of fame, 48.0 s"
+    ]
+    refined = {"refinements": 4, "refinements_improved": 3, "refine_seconds": 1.0}
+    assert rows_of(tmp_path / "run", **explored, **refined, champion_from="neighbour") == [
+        "CMA-ES      3 of 4 refinements improved their tree, 1.0 s",
+        "exploring   1,593 trees refined from the hall of fame, the champion is one of them, 48.0 s",
     ]
 
 

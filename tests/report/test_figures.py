@@ -10,10 +10,14 @@ from ge_torchrl.report.runs import Pair, read_run
 @pytest.fixture
 def pairs(tmp_path):
     def run(name, seed, best, refined=(), records=()):
-        ppo = "thesis" if records else "none"
+        refiner = "ppo" if records else "none"
         return read_run(
             write_run(
-                tmp_path / name, seed=seed, ppo=ppo, generations=history(best, refined), refinements=records
+                tmp_path / name,
+                seed=seed,
+                refiner=refiner,
+                generations=history(best, refined),
+                refinements=records,
             )
         )
 
@@ -92,6 +96,21 @@ def test_pairs_are_solid_and_dotted_in_one_colour_with_rings_at_applications(pai
         "GE alone",
         "PPO",
     ]
+
+
+def test_of_many_refinements_only_the_new_bests_get_a_ring(tmp_path):
+    rising = [9.0] * 20 + [500.0] * 20
+    records = [refinement(number, new_best=number == 20) for number in range(1, 40)]
+    runs = [
+        read_run(
+            write_run(tmp_path / refiner, refiner=refiner, generations=history(rising), refinements=records)
+        )
+        for refiner in ("cmaes", "none")
+    ]
+    figure = pairs_figure([Pair(*runs)], title="", solved_at=None)
+    assert list(lines(figure)[-1].get_xdata()) == [20]
+    (beside,) = figure.legends
+    assert [text.get_text() for text in beside.get_texts()][-3:] == ["GE+CMA-ES", "GE alone", "CMA-ES"]
 
 
 def test_solving_times_with_an_arrow_for_what_was_never_reached(pairs):

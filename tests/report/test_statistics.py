@@ -9,6 +9,7 @@ from ge_torchrl.report.statistics import (
     best_of,
     bootstrap_band,
     bootstrap_interval,
+    env_steps_of,
     generations_to_solve,
     paired_ratio,
     solving_time,
@@ -110,26 +111,41 @@ def test_generations_to_solve():
 
 
 def test_solving_time_counts_the_first_population():
+    assert solving_time(history([9.0, 500.0, 500.0]), 475.0) == SolvingTime(1, 3, 2000)
     assert solving_time(history([9.0, 500.0]), 475.0).generations == 2
     censored = solving_time(history([9.0, 400.0, 470.0]), 475.0)
     assert (censored.generation, censored.generations, censored.censored) == (None, 3, True)
+    assert censored.env_steps == 3000
 
 
 def test_ratio_of_run_4_of_the_thesis():
     # It solved CartPole in generation 40 with PPO and in 128 without.
-    ratio = paired_ratio([(SolvingTime(40, 200), SolvingTime(128, 200))], np.random.default_rng(0))
+    ratio = paired_ratio(
+        [(SolvingTime(40, 200, 9000), SolvingTime(128, 200, 6000))], np.random.default_rng(0)
+    )
     assert ratio.median == pytest.approx(41 / 129)
     assert ratio.interval == pytest.approx((41 / 129, 41 / 129))
     assert (ratio.pairs, ratio.treated_censored, ratio.control_censored, ratio.both_censored) == (1, 0, 0, 0)
 
 
+def test_ratio_of_environment_steps():
+    # Fewer generations may take more steps.
+    pairs = [
+        (SolvingTime(4, 10, 30), SolvingTime(9, 10, 10)),
+        (SolvingTime(0, 10, 10), SolvingTime(9, 10, 10)),
+    ]
+    ratio = paired_ratio(pairs, np.random.default_rng(0), measure=env_steps_of)
+    assert (ratio.median, ratio.interval) == (2.0, (1.0, 3.0))
+    assert paired_ratio(pairs, np.random.default_rng(0)).median == pytest.approx(0.3)
+
+
 def test_ratio_of_pairs_takes_the_median_and_counts_the_censored():
     pairs = [
-        (SolvingTime(9, 100), SolvingTime(19, 100)),  # 10 / 20
-        (SolvingTime(9, 100), SolvingTime(None, 100)),  # 10 / 100, too large
-        (SolvingTime(None, 100), SolvingTime(49, 100)),  # 100 / 50, too small
-        (SolvingTime(None, 100), SolvingTime(None, 100)),  # tells nothing
-        (SolvingTime(0, 100), SolvingTime(3, 100)),  # 1 / 4
+        (SolvingTime(9, 100, 1), SolvingTime(19, 100, 1)),  # 10 / 20
+        (SolvingTime(9, 100, 1), SolvingTime(None, 100, 1)),  # 10 / 100, too large
+        (SolvingTime(None, 100, 1), SolvingTime(49, 100, 1)),  # 100 / 50, too small
+        (SolvingTime(None, 100, 1), SolvingTime(None, 100, 1)),  # tells nothing
+        (SolvingTime(0, 100, 1), SolvingTime(3, 100, 1)),  # 1 / 4
     ]
     ratio = paired_ratio(pairs, np.random.default_rng(0))
     assert ratio.median == 0.5

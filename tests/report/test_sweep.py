@@ -18,7 +18,7 @@ def sweep(tmp_path):
         write_run(
             folder / "ppo" / str(seed),
             seed=seed,
-            ppo="thesis",
+            refiner="ppo",
             generations=history([9.0] * (seed + 1) + [500.0] * (5 - seed)),
             refinements=[refinement(1)],
         )
@@ -47,6 +47,36 @@ def test_a_report_links_to_nothing_that_is_missing_and_leaves_nothing_unlinked(s
         "the best tree of GE+PPO",
         "the best tree of GE",
     ]
+
+
+def test_each_refined_method_is_compared_with_ge_alone(sweep, tmp_path):
+    for seed in range(2):
+        write_run(sweep / "cmaes" / str(seed), seed=seed, refiner="cmaes", refinements=[refinement(1)])
+    text = write_report(sweep, None, tmp_path / "out").read_text()
+    assert (
+        "GE is Grammatical Evolution alone, GE+CMA-ES with trees refined by CMA-ES, GE+PPO with trees refined by PPO."
+        in text
+    )
+    assert re.findall(r"^### CartPole-v1: (.*)$", text, flags=re.MULTILINE) == [
+        "GE+PPO",
+        "what PPO did",
+        "GE+CMA-ES",
+        "what CMA-ES did",
+        "GE",
+        "generations to solve, with PPO and without",
+        "generations to solve, with CMA-ES and without",
+        "figures",
+        "the best tree of GE+PPO",
+        "the best tree of GE+CMA-ES",
+        "the best tree of GE",
+    ]
+    assert {path.name for path in (tmp_path / "out" / "figures").glob("*.svg")} == {
+        "cartpole-v1-fitness.svg",
+        "cartpole-v1-ge-ppo-solving.svg",
+        "cartpole-v1-ge-ppo-pairs.svg",
+        "cartpole-v1-ge-cma-es-solving.svg",
+        "cartpole-v1-ge-cma-es-pairs.svg",
+    }
 
 
 def test_equal_artefacts_give_equal_bytes(sweep, tmp_path):

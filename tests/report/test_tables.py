@@ -1,7 +1,7 @@
 from records_for_tests import summary
 
 from ge_torchrl.report.published import PUBLISHED
-from ge_torchrl.report.tables import published_summary, runs_table, thesis_table
+from ge_torchrl.report.tables import aligned, published_summary, runs_table, thesis_table
 
 
 def test_a_row_a_run_in_the_order_of_seeds_and_a_table_an_environment():
@@ -59,3 +59,9 @@ def test_without_numbers_of_the_thesis_there_are_no_columns_for_them():
 
 def test_what_the_thesis_found_in_short():
     assert published_summary(PUBLISHED["MountainCar-v0"]) == ["5 of 10", "-110.19", "73.0"]
+
+
+def test_a_table_for_a_terminal_is_aligned_to_the_right():
+    assert aligned(["seed", "mean"], [["3", "-110.00"], ["10", "-9.5"]]) == (
+        "seed     mean\n   3  -110.00\n  10     -9.5"
+    )
