@@ -32,6 +32,7 @@ from ge_torchrl.commands import FAULT, INTERRUPTED, OK, USER_ERROR, evaluate, re
 from ge_torchrl.config import Config, check_key, template
 from ge_torchrl.errors import ConfigError, UserError
 
+_LONGEST_NAME = 160
 _VERSION_BASE = "1.3"
 _PACKAGE = Path(__file__).resolve().parent
 # A wheel carries the configuration within the package, a checkout beside it.
@@ -199,6 +200,12 @@ def _prepare_hydra() -> None:
     # the errors.
     ConfigStore.instance().store(name="template", node=template())
     OmegaConf.register_new_resolver("unique_token", unique_token, use_cache=True, replace=True)
+    OmegaConf.register_new_resolver("shortened", _shortened, replace=True)
+
+
+def _shortened(name: str) -> str:
+    """Cut the name of a job's folder; its number keeps it apart from others, and config.yaml tells the rest."""
+    return name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..."
 
 
 @contextmanager

@@ -142,7 +142,7 @@ class RunFolder:
         sizes = [record.decision_nodes for record in self.read_hall_of_fame()]
         if not sizes:
             raise ArtefactError(
-                f"{self.path} must hold a hall of fame, as evaluation.hall_of_fame=true makes it, to give a tree "
+                f"{self.path} must hold a hall of fame, as hall_of_fame.enabled=true makes it, to give a tree "
                 f"with {decision_nodes} decision nodes; it holds none"
             )
         if decision_nodes not in sizes:

@@ -32,7 +32,7 @@ def config(seed=0, **sections):
         "seed": seed,
     }
     for name, changes in sections.items():
-        values[name] = {**values[name], **changes}
+        values[name] = {**values.get(name, {}), **changes}
     return Config.from_mapping(values)
 
 

@@ -13,6 +13,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, EnvironmentFaultError
 
 THESIS = ("cartpole", "acrobot", "mountaincar")
+GOLDEN = Path(__file__).parent / "golden" / "thesis_presets.json"
 
 
 class FakeExperiment(types.ModuleType):
@@ -75,24 +76,35 @@ def config_of(experiment, *arguments):
 def test_run_takes_choices_and_keys(experiment):
     config = config_of(experiment, "env=mountaincar", "seed=3", "ge.generations=50")
     assert (config.env.id, config.seed, config.ge.generations) == ("MountainCar-v0", 3, 50)
-    assert config.ge.genotype_length == 1024, "the environment brings its settings along"
-    assert config.grammar.name == "mountaincar"
+    assert config.ge.genotype_length == 256, "the environment brings its settings along"
+    assert config.grammar.name == "mountaincar_per_feature"
 
 
 def test_groups_can_be_chosen_apart_from_the_environment(experiment):
-    config = config_of(experiment, "ge=mountaincar", "grammar=cartpole_per_feature")
+    config = config_of(experiment, "ge=mountaincar", "grammar=thesis/cartpole")
     assert config.env.id == "CartPole-v1"
-    assert (config.ge.generations, config.grammar.name) == (1000, "cartpole_per_feature")
+    assert (config.ge.generations, config.grammar.name) == (120, "cartpole")
 
 
 @pytest.mark.parametrize("name", THESIS)
-def test_experiment_of_the_thesis_equals_todays_defaults_but_for_the_champion(experiment, name):
-    default = config_of(experiment, f"env={name}").as_mapping()
+def test_the_thesis_stays_what_it_was_whatever_becomes_of_the_defaults(experiment, name):
     thesis = config_of(experiment, f"experiment=thesis/{name}").as_mapping()
-    assert thesis["env"].pop("max_episode_steps") == {"mountaincar": 200}.get(name, 500)
-    assert thesis["evaluation"].pop("champion_candidates") == 1
-    del default["env"]["max_episode_steps"], default["evaluation"]["champion_candidates"]
-    assert thesis == default
+    assert thesis == json.loads(GOLDEN.read_text())[name]
+
+
+@pytest.mark.parametrize(
+    ("refiner", "method", "neighbours", "migrants"),
+    [("none", None, 0, 0), ("thesis", "ppo", 0, 0), ("ppo", "ppo", 1, 20), ("cmaes", "cmaes", 26, 20)],
+)
+def test_what_a_refinement_costs_decides_how_much_is_explored(
+    experiment, refiner, method, neighbours, migrants
+):
+    config = config_of(experiment, f"refiner={refiner}")
+    assert config.refiner.enabled == (method is not None)
+    assert method in (None, config.refiner.method)
+    assert config.hall_of_fame.enabled
+    assert (config.hall_of_fame.neighbours, config.hall_of_fame.migrants) == (neighbours, migrants)
+    assert not config_of(experiment, f"refiner={refiner}", "hall_of_fame=none").hall_of_fame.enabled
 
 
 def test_command_line_has_the_last_word_over_an_experiment(experiment):
@@ -104,7 +116,7 @@ def test_every_environment_composes(experiment):
     names = [path.stem for path in (command_line._CONF / "env").glob("*.yaml")]
     assert set(THESIS) < set(names)
     for name in names:
-        assert config_of(experiment, f"env={name}").grammar.name == name
+        assert config_of(experiment, f"env={name}").grammar.name == f"{name}_per_feature"
 
 
 def test_own_choices_come_from_a_folder_of_the_user(experiment, tmp_path):
@@ -135,6 +147,18 @@ def test_sweep_runs_all_combinations_in_folders_that_name_them(experiment):
         ("2_env=cartpole,seed=1", "CartPole-v1", 1),
         ("3_env=acrobot,seed=1", "Acrobot-v1", 1),
     ]
+
+
+def test_the_name_of_a_job_with_many_overrides_is_cut(experiment):
+    many = [
+        f"refiner.ppo.{key}=0.001"
+        for key in ("lr_actor", "lr_critic", "lr_thresholds", "leaf_sd", "clip_epsilon")
+    ]
+    many += ["refiner.ppo.update_timesteps=1000", "evaluation.validation_episodes=50", "ge.generations=3"]
+    assert main(["-m", "seed=0,1", *many]) == 0
+    names = [folder.name for _, folder in experiment.runs]
+    assert [name[:2] for name in names] == ["0_", "1_"]
+    assert all(len(name) < 200 and name.endswith("...") for name in names)
 
 
 def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experiment):
@@ -351,7 +375,7 @@ def test_jobs_run_side_by_side_with_one_thread_each(tmp_path):
     """The real program: the launcher pickles the job and runs it in processes of its own."""
     few = ["evaluation.validation_episodes=2", "evaluation.test_episodes=2"]
     small = ["ge.population_size=8", "ge.generations=2", *few]
-    arguments = ["-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "ppo=none", "seed=0,1", *small]
+    arguments = ["-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "refiner=none", "seed=0,1", *small]
     finished = subprocess.run(
         [sys.executable, "-m", "ge_torchrl", *arguments, "hydra.sweep.dir=sweep"],
         cwd=tmp_path, capture_output=True, text=True, check=False,

@@ -5,17 +5,18 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from ge_torchrl.refinement_section import PPOConfig, ScheduleConfig
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ge_torchrl.config import Config, check_key, template
 from ge_torchrl.errors import ConfigError
+from ge_torchrl.refiner_section import RefinerConfig, ScheduleConfig
 from ge_torchrl.sections import (
     EnvironmentConfig,
     EvaluationConfig,
     GEConfig,
     GrammarConfig,
+    HallOfFameConfig,
 )
 
 VALUES: dict[str, Any] = {
@@ -70,13 +71,21 @@ def test_defaults_are_the_documented_ones():
             validation_episodes=100,
             champion_candidates=10,
             test_episodes=100,
-            hall_of_fame=False,
-            archive_episodes=200,
-            archive_keep=3,
-            archive_max_nodes=15,
             threads=0,
         ),
-        ppo=PPOConfig(name="none"),
+        refiner=RefinerConfig(name="none"),
+        hall_of_fame=HallOfFameConfig(
+            enabled=False,
+            episodes=200,
+            keep=3,
+            max_nodes=15,
+            neighbours=0,
+            neighbours_drawn=500,
+            revisits=0,
+            revisit_factor=5,
+            final_factor=0,
+            migrants=0,
+        ),
         seed=0,
     )
 
@@ -167,15 +176,6 @@ def test_defaults_are_the_documented_ones():
         ),
         ("evaluation", "test_episodes", 0, "evaluation.test_episodes must be an integer of at least 1"),
         ("evaluation", "std_penalty", -0.5, "evaluation.std_penalty must be a finite number of at least 0"),
-        ("evaluation", "hall_of_fame", 1, "evaluation.hall_of_fame must be true or false; got 1"),
-        ("evaluation", "archive_episodes", 0, "evaluation.archive_episodes must be an integer of at least 1"),
-        ("evaluation", "archive_keep", 0, "evaluation.archive_keep must be an integer of at least 1"),
-        (
-            "evaluation",
-            "archive_max_nodes",
-            -1,
-            "evaluation.archive_max_nodes must be an integer of at least 0",
-        ),
         ("evaluation", "threads", -1, "evaluation.threads must be an integer of at least 0"),
     ],
 )
@@ -191,8 +191,8 @@ def test_wrong_seed_is_named(seed):
 
 
 def test_ppo_is_off_where_nothing_is_said():
-    assert not Config.from_mapping(VALUES).ppo.enabled
-    assert Config.from_mapping({**VALUES, "ppo": {"name": "thesis"}}).ppo.enabled
+    assert not Config.from_mapping(VALUES).refiner.enabled
+    assert Config.from_mapping({**VALUES, "refiner": {"name": "thesis"}}).refiner.enabled
 
 
 @pytest.mark.parametrize(
@@ -266,7 +266,10 @@ def test_missing_section_is_reported_by_its_first_key(section):
         ("ge.populaton_size", r"ge.populaton_size is unknown; .* such as ge.population_size; got"),
         ("evaluation.zzz", r"evaluation.zzz is unknown; .* such as evaluation.episodes, "),
         ("sed", r"sed is unknown; .* such as seed; got sed"),
-        ("zzz", r"zzz is unknown; .* such as env, grammar, ge, evaluation, ppo, seed; got zzz"),
+        (
+            "zzz",
+            r"zzz is unknown; .* such as env, grammar, ge, evaluation, refiner, hall_of_fame, seed; got zzz",
+        ),
         ("seed.x", "seed.x is unknown"),
         ("ge.wraps.x", "ge.wraps.x is unknown"),
         ("ge.SECTION", "ge.SECTION is unknown"),
@@ -296,32 +299,6 @@ def test_template_names_every_key_and_check_key_knows_them():
 
 
 CONF = Path(__file__).parents[1] / "conf"
-THESIS = {
-    # Section 2 of the thesis' settings: population, generations, length, mutation per gene, episodes, solved at,
-    # excluded from PPO, features, actions.
-    "cartpole": (200, 200, 100, 0.1, 5, 475, None, 4, 2),
-    "acrobot": (200, 50, 100, 0.1, 5, -100, -500, 6, 3),
-    "mountaincar": (200, 1000, 1024, 0.05, 10, -110, -200, 2, 3),
-}
-
-
-@pytest.mark.parametrize("name", THESIS)
-def test_defaults_of_the_published_environments_are_the_thesis(name):
-    groups = {group: yaml.safe_load((CONF / group / f"{name}.yaml").read_text()) for group in VALUES}
-    config = Config.from_mapping(groups)
-    assert (
-        config.ge.population_size,
-        config.ge.generations,
-        config.ge.genotype_length,
-        config.ge.gene_probability,
-        config.evaluation.episodes,
-        config.env.solved_at,
-        config.env.lowest_fitness_excluded,
-        len(config.env.features),
-        len(config.env.actions),
-    ) == THESIS[name]
-    assert (config.ge.crossover_probability, config.ge.mutation_probability) == (0.0, 1.0)
-    assert len(config.env.units) == len(config.env.features)
 
 
 def test_schedules_of_the_thesis_apply_four_three_and_four_times():
@@ -339,59 +316,90 @@ def test_schedules_of_the_thesis_apply_four_three_and_four_times():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"schedule": {"every": 0}}, "ppo.schedule.every must be an integer of at least 1"),
+        ({"schedule": {"every": 0}}, "refiner.schedule.every must be an integer of at least 1"),
         (
             {"schedule": {"generations": [0]}},
-            "ppo.schedule.generations must be a list of integers of at least 1",
+            "refiner.schedule.generations must be a list of integers of at least 1",
         ),
-        ({"schedule": {"generations": 50}}, "ppo.schedule.generations must be a list"),
-        ({"schedule": {"often": 1}}, "ppo.schedule.often is unknown"),
-        ({"schedule": 40}, "ppo.schedule must be a section"),
+        ({"schedule": {"generations": 50}}, "refiner.schedule.generations must be a list"),
+        ({"schedule": {"often": 1}}, "refiner.schedule.often is unknown"),
+        ({"schedule": 40}, "refiner.schedule must be a section"),
         (
-            {"update_timesteps": 10, "max_timesteps": 5},
-            "ppo.update_timesteps must be at most ppo.max_timesteps, 5",
+            {"ppo": {"update_timesteps": 10, "max_timesteps": 5}},
+            "refiner.ppo.update_timesteps must be at most refiner.ppo.max_timesteps, 5",
         ),
-        ({"gamma": 1.5}, "ppo.gamma must be a number from 0 to 1, because it is a discount factor"),
-        ({"lr_actor": 0}, "ppo.lr_actor must be a finite number above 0"),
-        ({"leaf_sd": -0.1}, "ppo.leaf_sd must be a finite number of at least 0"),
-        ({"critic_hidden": [64, "b"]}, "ppo.critic_hidden must be a list of integers"),
-        ({"source": "replay"}, "ppo.source must be one of auto, collector, fused"),
+        (
+            {"ppo": {"gamma": 1.5}},
+            "refiner.ppo.gamma must be a number from 0 to 1, because it is a discount factor",
+        ),
+        ({"ppo": {"lr_actor": 0}}, "refiner.ppo.lr_actor must be a finite number above 0"),
+        ({"ppo": {"leaf_sd": -0.1}}, "refiner.ppo.leaf_sd must be a finite number of at least 0"),
+        ({"ppo": {"critic_hidden": [64, "b"]}}, "refiner.ppo.critic_hidden must be a list of integers"),
+        ({"ppo": {"source": "replay"}}, "refiner.ppo.source must be one of auto, collector, fused"),
     ],
 )
 def test_settings_of_ppo_are_checked(values, message):
     with pytest.raises(ConfigError, match=message.replace(".", r"\.")):
-        Config.from_mapping({**VALUES, "ppo": values})
+        Config.from_mapping({**VALUES, "refiner": values})
 
 
 def test_a_schedule_survives_the_way_through_yaml():
     config = Config.from_mapping(
-        {**VALUES, "ppo": {"name": "thesis", "schedule": {"generations": [50, 100]}}}
+        {**VALUES, "refiner": {"name": "thesis", "schedule": {"generations": [50, 100]}}}
     )
-    assert config.ppo.schedule == ScheduleConfig(generations=(50, 100))
+    assert config.refiner.schedule == ScheduleConfig(generations=(50, 100))
     assert Config.from_mapping(yaml.safe_load(yaml.safe_dump(config.as_mapping()))) == config
 
 
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"candidates": 0}, "ppo.candidates must be an integer of at least 1"),
-        ({"write_back": 1}, "ppo.write_back must be true or false"),
-        ({"snapshot_episodes": -1}, "ppo.snapshot_episodes must be an integer of at least 0"),
-        ({"scale_features": "no"}, "ppo.scale_features must be true or false"),
+        ({"candidates": 0}, "refiner.candidates must be an integer of at least 1"),
+        ({"write_back": 1}, "refiner.write_back must be true or false"),
+        ({"simplify": "yes"}, "refiner.simplify must be true or false"),
+        ({"probability": 1.5}, "refiner.probability must be a number from 0 to 1"),
+        ({"acceptance_episodes": -1}, "refiner.acceptance_episodes must be an integer of at least 0"),
+        ({"acceptance_errors": -1}, "refiner.acceptance_errors must be a finite number of at least 0"),
+        ({"method": "sgd"}, "refiner.method must be one of ppo, cmaes"),
+        ({"ppo": {"snapshot_episodes": -1}}, "ppo.snapshot_episodes must be an integer of at least 0"),
+        ({"ppo": {"leaf_scale": 0}}, "refiner.ppo.leaf_scale must be a finite number above 0"),
+        ({"ppo": {"scale_features": "no"}}, "refiner.ppo.scale_features must be true or false"),
         (
-            {"scale_features": True, "max_timesteps": 5000, "update_timesteps": 3000},
+            {"ppo": {"scale_features": True, "max_timesteps": 5000, "update_timesteps": 3000}},
             "ppo.scale_features must be false where .* because the first batch of samples only measures",
         ),
-        ({"alpha_final": 0}, "ppo.alpha_final must be a finite number above 0 or null"),
-        ({"lr_thresholds": 0}, "ppo.lr_thresholds must be a finite number above 0 or null"),
-        ({"optimizer": "sgd"}, "ppo.optimizer must be one of rmsprop, adam"),
-        ({"minibatch_size": 1}, "ppo.minibatch_size must be an integer of at least 2 or null"),
-        ({"entropy_final": -1}, "ppo.entropy_final must be a finite number of at least 0 or null"),
-        ({"method": "sgd"}, "ppo.method must be one of ppo, cmaes"),
-        ({"cmaes_episodes": 0}, "ppo.cmaes_episodes must be an integer of at least 1"),
-        ({"cmaes_seconds": 0}, "ppo.cmaes_seconds must be a finite number above 0 or null"),
+        ({"ppo": {"alpha_final": 0}}, "refiner.ppo.alpha_final must be a finite number above 0 or null"),
+        ({"ppo": {"lr_thresholds": 0}}, "ppo.lr_thresholds must be a finite number above 0 or null"),
+        ({"ppo": {"optimizer": "sgd"}}, "refiner.ppo.optimizer must be one of rmsprop, adam"),
+        ({"ppo": {"minibatch_size": 1}}, "ppo.minibatch_size must be an integer of at least 2 or null"),
+        ({"ppo": {"entropy_final": -1}}, "ppo.entropy_final must be a finite number of at least 0 or null"),
+        ({"ppo": 3}, "refiner.ppo must be a section"),
+        ({"cmaes": {"episodes": 0}}, "refiner.cmaes.episodes must be an integer of at least 1"),
+        ({"cmaes": {"max_seconds": 0}}, "refiner.cmaes.max_seconds must be a finite number above 0 or null"),
+        ({"cmaes": {"max_timesteps": 0}}, "refiner.cmaes.max_timesteps must be an integer of at least 1"),
+        ({"cmaes": {"first_step": 0}}, "refiner.cmaes.first_step must be a finite number above 0"),
     ],
 )
 def test_settings_beyond_the_thesis_are_checked(values, message):
     with pytest.raises(ConfigError, match=message):
-        Config.from_mapping({**VALUES, "ppo": values})
+        Config.from_mapping({**VALUES, "refiner": values})
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("enabled", 1, "hall_of_fame.enabled must be true or false; got 1"),
+        ("episodes", 0, "hall_of_fame.episodes must be an integer of at least 1"),
+        ("keep", 0, "hall_of_fame.keep must be an integer of at least 1"),
+        ("max_nodes", -1, "hall_of_fame.max_nodes must be an integer of at least 0"),
+        ("neighbours", -1, "hall_of_fame.neighbours must be an integer of at least 0"),
+        ("neighbours_drawn", 0, "hall_of_fame.neighbours_drawn must be an integer of at least 1"),
+        ("revisits", -1, "hall_of_fame.revisits must be an integer of at least 0"),
+        ("revisit_factor", 0, "hall_of_fame.revisit_factor must be an integer of at least 1"),
+        ("final_factor", -1, "hall_of_fame.final_factor must be an integer of at least 0"),
+        ("migrants", -1, "hall_of_fame.migrants must be an integer of at least 0"),
+    ],
+)
+def test_settings_of_the_hall_of_fame_are_checked(key, value, message):
+    with pytest.raises(ConfigError, match=message):
+        Config.from_mapping({**VALUES, "hall_of_fame": {key: value}})

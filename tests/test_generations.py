@@ -1,16 +1,18 @@
 """The loop over generations with refinement: schedule, records, and what a refined tree may do."""
 
 import itertools
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from ge_torchrl import applications
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.experiment import plan
 from ge_torchrl.generations import GenerationLoop
-from ge_torchrl.rl.ppo import TrainingRecord
+from ge_torchrl.records import TrainingRecord
 from ge_torchrl.search.champion import REFINEMENT
 from ge_torchrl.search.evolution import Evolution
 from ge_torchrl.search.fitness import TrainingEpisodes
@@ -18,6 +20,7 @@ from ge_torchrl.search.hall_of_fame import open_hall_of_fame
 from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.simplify import simplify_exact
 
 BNF = """
 <if>        ::= if <condition> then <action> else <action>
@@ -35,7 +38,7 @@ GOOD = DecisionTree.split(
 )
 
 
-def config(**ppo):
+def config(**refiner):
     return Config.from_mapping(
         {
             "env": {
@@ -47,7 +50,7 @@ def config(**ppo):
             "grammar": {"name": "test", "bnf": BNF},
             "ge": {"population_size": 20, "generations": 13, "genotype_length": 40, "gene_probability": 0.1},
             "evaluation": {"episodes": 3, "validation_episodes": 10},
-            "ppo": {"name": "test", "schedule": {"every": 4}, **ppo},
+            "refiner": {"name": "test", "schedule": {"every": 4}, **refiner},
         }
     )
 
@@ -59,8 +62,8 @@ class ScriptedRefiner:
         self.script = iter(script)
         self.asked = []
 
-    def refine(self, tree, generation, attempt=0):  # noqa: ARG002
-        self.asked.append((tree, generation))
+    def refine(self, _route, tree, _config, _seed, name):
+        self.asked.append((tree, int(re.search(r"\d+", name)[0])))
         outcome, after, *replaced = next(self.script)
         if outcome == "interrupt":
             raise KeyboardInterrupt
@@ -83,8 +86,9 @@ class ScriptedRefiner:
 
 
 @pytest.fixture
-def run():
+def run(monkeypatch):
     routes = []
+    monkeypatch.setattr(applications, "refine", ScriptedRefiner.refine)
 
     def run(configured, script, hall=False):
         planned = plan(configured)
@@ -173,9 +177,7 @@ def test_a_refined_tree_stops_the_run_if_validation_agrees_that_it_solves(run, r
 
 def test_the_hall_of_fame_is_offered_the_leaders_and_the_improved_trees_alone(run):
     values = config().as_mapping()
-    keeping = Config.from_mapping(
-        {**values, "evaluation": {**values["evaluation"], "hall_of_fame": True, "archive_episodes": 20}}
-    )
+    keeping = Config.from_mapping({**values, "hall_of_fame": {"enabled": True, "episodes": 20}})
     script = [(IMPROVED, 450.0, GOOD), (NOT_IMPROVED, 10.0, DecisionTree.leaf(1)), (FAILED, 20.0)]
     evolved, hall = run(keeping, script, hall=True)
     refined = [member for member in hall.members if member.origin == REFINEMENT]
@@ -214,3 +216,26 @@ def test_ctrl_c_keeps_the_candidates_already_refined(run):
     evolved, _, refinements, _ = run(config(candidates=2), [(IMPROVED, 300.0), ("interrupt", 0.0)])
     assert evolved.stopped_by == "interrupt"
     assert (len(refinements), evolved.refinements) == (1, 1)
+
+
+def test_by_its_probability_a_chosen_tree_is_refined_or_not(run):
+    _, generations, refinements, refiner = run(config(probability=0.0), [])
+    assert (refinements, refiner.asked) == ([], [])
+    _, without, _, _ = run(config(schedule={}), [])
+    assert [record.best_fitness for record in generations] == [record.best_fitness for record in without]
+    some = run(config(probability=0.5, candidates=6), itertools.repeat((NOT_IMPROVED, 30.0)))[2]
+    assert 0 < len(some) < 18
+
+
+def test_simplified_or_whole_is_a_setting(run):
+    script = itertools.repeat((NOT_IMPROVED, 10.0))
+    whole, simple = (
+        [tree for tree, _ in run(config(simplify=simplify, candidates=5), script)[3].asked]
+        for simplify in (False, True)
+    )
+    bounds = (
+        np.array([-4.8, -np.inf, -0.42, -np.inf], np.float32),
+        np.array([4.8, np.inf, 0.42, np.inf], np.float32),
+    )
+    assert any(simplify_exact(tree, *bounds) != tree for tree in whole)
+    assert all(simplify_exact(tree, *bounds) == tree for tree in simple)

@@ -13,16 +13,16 @@ from ge_torchrl.__main__ import main
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 ONE_RUN, SWEEP = (NOTEBOOKS / name for name in ("01_one_run.ipynb", "02_a_sweep.ipynb"))
 SMALL = [
-    "env=cartpole",
-    "ppo=thesis,none",
+    "experiment=thesis/cartpole",
+    "refiner=thesis,none",
     "seed=0,1",
     "ge.population_size=20",
     "ge.generations=4",
-    "ppo.schedule.every=2",
-    "ppo.max_timesteps=200",
-    "ppo.update_timesteps=100",
-    "ppo.epochs=2",
-    "ppo.source=fused",
+    "refiner.schedule.every=2",
+    "refiner.ppo.max_timesteps=200",
+    "refiner.ppo.update_timesteps=100",
+    "refiner.ppo.epochs=2",
+    "refiner.ppo.source=fused",
     "evaluation.validation_episodes=5",
     "evaluation.test_episodes=5",
 ]
@@ -87,4 +87,4 @@ def test_the_examples_of_the_notebooks_can_be_run(path, flags, runs, tmp_path, m
     monkeypatch.chdir(tmp_path)
     assert main([*flags, *example]) == 0
     assert len(configs) == runs
-    assert {config.ppo.max_timesteps for config in configs if config.ppo.enabled} == {2000}
+    assert {config.refiner.ppo.max_timesteps for config in configs if config.refiner.enabled} == {2000}

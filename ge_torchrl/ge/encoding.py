@@ -106,6 +106,20 @@ def encode(tree: DecisionTree, codons: Codons, tables: RuleTables, wraps: int = 
     return genotype.codons
 
 
+def can_derive(tree: DecisionTree, tables: RuleTables) -> bool:
+    """Tell whether a grammar derives a tree, once it is snapped to the grammar's constants.
+
+    Args:
+        tree: The tree.
+        tables: The compiled grammar.
+    """
+    try:
+        target = snap(tree, tables.grammar)
+    except UnencodableTreeError:
+        return False
+    return Derivations(target, tables).codons_of_body(0, 0) < math.inf
+
+
 class _Genotype:
     """A genotype that is edited while it is read."""
 

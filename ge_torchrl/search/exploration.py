@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.errors import UnencodableTreeError
-from ge_torchrl.ge.encoding import encode, snap
+from ge_torchrl.ge.encoding import can_derive, encode, snap
 from ge_torchrl.search.champion import NEIGHBOUR, Contender
 from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.hall_of_fame import HallOfFame
@@ -77,6 +77,7 @@ class Explorer:
         # One refinement a structure: another start mostly ends in the same tree, and new structures are many.
         self._tried: set[bytes] = set()
         self._edited: dict[DecisionTree, EditedTree] = {}
+        self._features = np.flatnonzero([len(of) > 0 for of in evolution.tables.grammar.constants])
 
     def explore(self, generation: Generation) -> Explored:
         """Refine neighbours and some kept trees, offer them, and let kept trees migrate.
@@ -135,8 +136,14 @@ class Explorer:
         measured = self._evolution.measure(drawn, seeds)
         fitness = measured.fitness
         best = np.array([max(alike, key=lambda i: fitness[i]) for alike in structures.values()])
-        chosen = best[in_turns(fitness[best], sizes[best])][: self._config.neighbours]
-        trees = [drawn.tree(int(i)) for i in chosen]
+        trees: list[DecisionTree] = []
+        for i in best[in_turns(fitness[best], sizes[best])]:
+            tree = drawn.tree(int(i))
+            # A grammar can say more than which features there are.
+            if can_derive(tree, self._evolution.tables):
+                trees.append(tree)
+            if len(trees) == self._config.neighbours:
+                break
         self._tried.update(tree.structure for tree in trees)
         return trees, measured.env_steps
 
@@ -154,7 +161,7 @@ class Explorer:
         for _ in range(self._config.neighbours_drawn):
             entrants = rng.integers(len(members), size=int(rng.integers(1, 3)))
             parent = members[entrants[np.argmax(means[entrants])]].tree
-            nodes.append(self._edited[parent].neighbour(spec.n_actions, rng))
+            nodes.append(self._edited[parent].neighbour(self._features, spec.n_actions, rng))
         forest = Forest.depth_first(
             [len(tree) for tree in nodes],
             np.concatenate([tree.feature for tree in nodes]),

@@ -75,10 +75,11 @@ class EditedTree:
         """Return a tree with the states that it saw."""
         return cls(tree, observed, tree.leaf_of(observed))
 
-    def neighbour(self, n_actions: int, rng: np.random.Generator) -> Nodes:
+    def neighbour(self, features: NDArray[np.int64], n_actions: int, rng: np.random.Generator) -> Nodes:
         """Return a tree one edit away, sometimes two.
 
         Args:
+            features: Features that new decisions may test.
             n_actions: Number of actions, A.
             rng: Source of randomness.
         """
@@ -90,7 +91,7 @@ class EditedTree:
             leaf = self.leaf if edit == 0 else None
             if len(nodes) == 1:
                 kind = "grow"
-            nodes = _EDITS[kind](_Edit(nodes, self.observed, leaf, n_actions, rng))
+            nodes = _EDITS[kind](_Edit(nodes, self.observed, leaf, features, n_actions, rng))
         return nodes
 
 
@@ -99,12 +100,13 @@ class _Edit:
     nodes: Nodes
     observed: FloatArray
     leaf: IntArray | None
+    features: NDArray[np.int64]
     n_actions: int
     rng: np.random.Generator
 
     def test_at(self, node: int) -> Nodes:
         """Return a decision node: a random feature, and as threshold a value of it that was seen at this node."""
-        feature = int(self.rng.integers(self.observed.shape[1]))
+        feature = int(self.features[self.rng.integers(len(self.features))])
         seen = self.observed[:, feature]
         if self.leaf is not None:
             here = seen[(self.leaf >= node) & (self.leaf < self.nodes.end(node))]

@@ -19,7 +19,7 @@ from ge_torchrl.report.statistics import bootstrap_interval
 from ge_torchrl.report.tables import markdown
 
 SHORT = [
-    "ge.generations=15",
+    "ge.generations=10",
     "hall_of_fame.neighbours=10",
     "hall_of_fame.neighbours_drawn=200",
     "hall_of_fame.final_factor=0",
@@ -49,8 +49,15 @@ def run(folder: Path, environment: str, variant: str, seeds: str) -> None:
     overrides = [text.replace("${env}", environment) for text in VARIANTS[variant]]
     short = SHORT if variant != "hall of fame only keeps" else [key for key in SHORT if "hall" not in key]
     status = main(
-        ["-m", "hydra/launcher=joblib", f"env={environment}", f"seed=range({seeds})", *short, *overrides]
-        + [f"hydra.sweep.dir={folder / environment / _slug(variant)}"]
+        [
+            "-m",
+            "hydra/launcher=joblib",
+            f"env={environment}",
+            f"seed=range({seeds})",
+            *short,
+            *overrides,
+            f"hydra.sweep.dir={folder / environment / _slug(variant)}",
+        ]
     )
     if status != 0:
         sys.exit(status)

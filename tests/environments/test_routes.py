@@ -11,6 +11,7 @@ from ge_torchrl.environments.dynamics import DYNAMICS
 from ge_torchrl.environments.gymnasium_route import GymnasiumRoute
 from ge_torchrl.environments.rollouts import SELECT_MIN_EPISODES
 from ge_torchrl.environments.spec import describe
+from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 
@@ -217,3 +218,57 @@ def test_lunar_lander_runs_and_a_used_environment_is_as_good_as_a_new_one():
     route.close()
     np.testing.assert_array_equal(again.returns[0], crowd.returns[0, [19, 3]])
     assert spec.solved_at == 200
+
+
+@pytest.mark.parametrize("environment_id", DYNAMICS)
+def test_what_a_tree_observes_is_its_episodes_step_by_step(environment_id):
+    tree, _ = PUBLISHED[environment_id]
+    spec = describe(environment_id)
+    compiled = CompiledRoute(spec, threads=1)
+    observed = compiled.observe(tree, 60, np.random.default_rng(5))
+    compiled.close()
+    assert (observed.shape, observed.dtype) == ((60, spec.n_features), np.float32)
+    first = int(episode_seeds("training", 32, np.random.default_rng(5))[0])
+    environment = gym.make(environment_id)
+    observation, _ = environment.reset(seed=first)
+    for ours in observed:
+        np.testing.assert_allclose(ours, observation, atol=1e-5)
+        observation, *_ = environment.step(int(tree.decide([observation])[0]))
+
+
+def test_gymnasium_observes_as_many_steps_as_asked_over_as_many_episodes_as_it_takes():
+    route = GymnasiumRoute(describe("CartPole-v1"), workers=1)
+    observed = route.observe(leaf(0), 40, np.random.default_rng(0))
+    route.close()
+    assert (observed.shape, observed.dtype) == ((40, 4), np.float32)
+    # Always pushed to the left, the cart falls within a dozen steps, and another episode begins at rest.
+    at_rest = np.abs(observed).max(axis=1) <= 0.05
+    assert at_rest[0]
+    assert at_rest.sum() >= 3
+
+
+@pytest.mark.parametrize(
+    "route",
+    [
+        CompiledRoute(describe("CartPole-v1"), threads=1),
+        CompiledRoute(describe("CartPole-v1"), threads=2),
+        GymnasiumRoute(describe("CartPole-v1"), workers=1),
+    ],
+    ids=["one_thread", "two_threads", "gymnasium"],
+)
+def test_jobs_give_their_results_in_their_order_and_their_errors(route):
+    seeds = np.arange(3)
+    trees = [leaf(0), leaf(1), PUBLISHED["CartPole-v1"][0]]
+
+    def job(tree):
+        return lambda own: own.evaluate(Forest.stack([tree]), seeds).returns[0].tolist()
+
+    def broken(_):
+        raise ValueError("a job broke")
+
+    together = route.run_jobs([job(tree) for tree in trees])
+    assert together == [route.evaluate(Forest.stack([tree]), seeds).returns[0].tolist() for tree in trees]
+    assert route.run_jobs([]) == []
+    with pytest.raises(ValueError, match="a job broke"):
+        route.run_jobs([job(trees[0]), broken])
+    route.close()

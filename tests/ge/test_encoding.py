@@ -11,7 +11,7 @@ from strategies import renumbered_trees, trees
 
 from ge_torchrl.errors import UnencodableTreeError
 from ge_torchrl.ge.codons import CODON_LIMIT
-from ge_torchrl.ge.encoding import encode, snap
+from ge_torchrl.ge.encoding import can_derive, encode, snap
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.ge.operators import random_population
@@ -198,3 +198,19 @@ def test_the_given_genotype_stays_as_it_is():
     codons = np.zeros(20, np.int32)
     encode(DecisionTree.split(1, 0.5, LEAF(1), LEAF(2)), codons, TABLES)
     assert not codons.any()
+
+
+@given(st.data())
+def test_what_the_mapping_gave_can_be_derived_again(data):
+    _, tree = data.draw(mapped_genotypes(TABLES, 0))
+    assert can_derive(tree, TABLES)
+    assert can_derive(replace(tree, threshold=np.where(tree.is_leaf, 0, tree.threshold + 0.001)), TABLES)
+
+
+def test_what_the_grammar_cannot_say_cannot_be_derived():
+    text = "<dt> ::= if lt(x, [0, 1] step 0.5) then left else <a> <a> ::= left | right"
+    tables = compile_rules(read_grammar(text, ("x", "y"), ("left", "right")), single_choice_consumes=False)
+    assert can_derive(DecisionTree.split(0, 0.4, LEAF(0), LEAF(1)), tables)
+    assert not can_derive(DecisionTree.split(1, 0.4, LEAF(0), LEAF(1)), tables), "it never tests y"
+    assert not can_derive(DecisionTree.split(0, 0.4, LEAF(1), LEAF(0)), tables), "it never goes right first"
+    assert not can_derive(LEAF(0), tables)

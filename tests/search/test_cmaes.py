@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ge_torchrl.refinement_section import PPOConfig
 
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import describe
-from ge_torchrl.search.cmaes import CMAESRefiner, visited_spread
-from ge_torchrl.search.refinement import IMPROVED, NOT_IMPROVED
+from ge_torchrl.refiner_section import CMAESConfig, RefinerConfig
+from ge_torchrl.search.cmaes import CMAESRefiner, spread_of
+from ge_torchrl.search.refinement import IMPROVED, NOT_IMPROVED, refine
 from ge_torchrl.trees.decision_tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
@@ -17,7 +17,8 @@ GOOD = split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
 WRONG_LEAVES = split(2, 0.0154, split(3, 0.2290, leaf(1), leaf(1)), leaf(0))
 # The first question is asked far from where the pole stands.
 FAR_THRESHOLD = split(2, 0.12, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
-CONFIG = PPOConfig(name="rival", method="cmaes", max_timesteps=60_000, measuring_episodes=50)
+CONFIG = CMAESConfig(max_timesteps=60_000)
+MEASURED = RefinerConfig(name="rival", method="cmaes", measuring_episodes=50)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,7 @@ def route():
 
 
 def refined(route, tree, seed=0, **changes):
-    return CMAESRefiner(route, replace(CONFIG, **changes), seed).refine(tree, generation=40)
+    return refine(CMAESRefiner(route, replace(CONFIG, **changes)), route, tree, MEASURED, seed, "a test")
 
 
 def test_wrong_leaves_are_mended_and_the_structure_stays(route):
@@ -59,16 +60,16 @@ def test_the_budget_is_counted_in_steps_and_passed_by_one_round_at_most(route):
     # The probe for the spread, and a round of at most 8 trees of 5 episodes of 500 steps.
     for budget in (5_000, 30_000):
         taken = refined(route, FAR_THRESHOLD, max_timesteps=budget).training
-        assert budget <= taken.timesteps <= budget + 8 * 5 * 500 + 1000
+        assert budget <= taken.timesteps <= budget + 8 * 5 * 500 + 500
 
 
 def test_a_budget_that_is_spent_at_once_changes_nothing(route):
-    refinement = refined(route, GOOD, max_timesteps=2, update_timesteps=2)
+    refinement = refined(route, GOOD, max_timesteps=2)
     assert (refinement.tree, refinement.outcome) == (GOOD, NOT_IMPROVED)
 
 
 def test_a_budget_in_seconds_replaces_that_in_steps(route):
-    refinement = refined(route, WRONG_LEAVES, max_timesteps=2, update_timesteps=2, cmaes_seconds=0.5)
+    refinement = refined(route, WRONG_LEAVES, max_timesteps=2, max_seconds=0.5)
     assert refinement.tree != WRONG_LEAVES
     assert refinement.training.timesteps > 100
 
@@ -77,7 +78,36 @@ def test_a_lone_threshold_can_be_tuned(route):
     assert refined(route, split(2, 0.1, leaf(0), leaf(1)), max_timesteps=20_000).return_after > 0
 
 
-def test_the_spread_is_that_of_the_states_that_the_tree_visits():
-    spread = visited_spread(describe("CartPole-v1"), GOOD, seed=0)
-    assert spread.shape == (4,)
-    assert spread[2] < 0.1 < spread[3], "the pole stays upright and swings"
+def test_the_spread_is_that_of_the_observations_and_1_where_it_tells_nothing():
+    observations = np.array([[0.0, 3.0, np.inf], [2.0, 3.0, 0.0]], np.float32)
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_array_equal(spread_of(observations), [1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(spread_of(np.array([[0.0], [4.0]], np.float32)), [2.0])
+
+
+def test_a_larger_first_step_moves_thresholds_farther(route):
+    near, far = (refined(route, FAR_THRESHOLD, max_timesteps=20_000, first_step=step) for step in (1e-6, 1.0))
+    assert near.largest_threshold_move < 1e-4 < far.largest_threshold_move
+
+
+def test_trees_tuned_side_by_side_are_those_tuned_alone_on_the_same_episodes(route):
+    trees = [WRONG_LEAVES, FAR_THRESHOLD]
+    streams = [np.random.default_rng([7, i]) for i in range(2)]
+    together = CMAESRefiner(route, CONFIG).tune(trees, streams)
+    two_threads = open_route(describe("CartPole-v1"), threads=2)
+    streams = [np.random.default_rng([7, i]) for i in range(2)]
+    beside = CMAESRefiner(two_threads, CONFIG).tune(trees, streams)
+    two_threads.close()
+    assert [one.tree for one in together] == [one.tree for one in beside]
+    assert [one.env_steps for one in together] == [one.env_steps for one in beside]
+    (alone,) = CMAESRefiner(route, CONFIG).tune(trees[:1], [np.random.default_rng([7, 0])])
+    assert alone.tree == together[0].tree
+    assert CMAESRefiner(route, CONFIG).tune([], []) == []
+
+
+def test_a_factor_multiplies_the_budget(route):
+    (once,), (thrice,) = (
+        CMAESRefiner(route, CONFIG).tune([FAR_THRESHOLD], [np.random.default_rng(0)], factor)
+        for factor in (1, 3)
+    )
+    assert once.env_steps < 2 * CONFIG.max_timesteps < 3 * CONFIG.max_timesteps <= thrice.env_steps

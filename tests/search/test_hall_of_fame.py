@@ -19,9 +19,12 @@ GOOD_WITH_DEAD_BRANCH = split(
     2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), split(3, -99.0, leaf(0), leaf(1))
 )
 POOR = split(3, 0.0, leaf(0), leaf(1))
-POORER = split(3, 0.3, leaf(0), leaf(1))
-# Of the size of GOOD, and now and then as good.
-LUCKY = split(2, 0.02, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
+# Of another structure.
+POORER = split(2, 0.02, leaf(0), leaf(1))
+# Of the structure of POOR.
+POOR_MOVED = split(3, 0.3, leaf(0), leaf(1))
+# Of the size of GOOD, of another structure, and now and then as good.
+LUCKY = split(3, 0.229, split(2, 0.02, leaf(0), leaf(1)), leaf(1))
 ARCHIVE, VALIDATION = np.arange(30), np.arange(1000, 1050)
 
 
@@ -70,7 +73,8 @@ def test_no_tree_is_measured_twice_and_new_ones_in_one_batch(route):
     hall.offer([contender(GOOD)])
     assert route.batches == [2, 1]
     assert trees(hall) == [leaf(0), POOR, GOOD]
-    assert hall.env_steps == route.evaluate(Forest.stack(trees(hall)), ARCHIVE).env_steps
+    # Each is measured once, and its visits are counted once.
+    assert hall.env_steps == 2 * route.evaluate(Forest.stack(trees(hall)), ARCHIVE).env_steps
 
 
 def test_trees_are_told_apart_by_what_they_do_not_by_dead_splits(route):
@@ -91,10 +95,30 @@ def test_the_best_by_the_archive_stay_whatever_their_fitness(route):
     assert trees(both) == [POOR, POORER]
 
 
-def test_trees_beyond_the_largest_size_are_not_even_measured(route):
+def test_of_trees_of_one_structure_the_best_stays(route):
+    means = route.evaluate(Forest.stack([POOR, POOR_MOVED]), ARCHIVE).returns.mean(axis=1)
+    assert means[0] != means[1]
+    best = [POOR, POOR_MOVED][int(np.argmax(means))]
+    for order in ([POOR, POOR_MOVED], [POOR_MOVED, POOR]):
+        hall = HallOfFame(route, ARCHIVE, keep=3, max_nodes=5)
+        for tree in order:
+            hall.offer([contender(tree)])
+        assert trees(hall) == [best]
+        assert hall.mean_of(hall.members[0]) == means.max()
+
+
+def test_what_no_episode_visits_is_pruned_before_the_size_is_counted(route):
+    hall = HallOfFame(route, ARCHIVE, keep=3, max_nodes=2)
+    hall.offer([contender(GOOD_WITH_DEAD_BRANCH)])
+    assert trees(hall) == [GOOD]
+
+
+def test_trees_far_beyond_the_largest_size_are_not_even_measured(route):
     hall = HallOfFame(route, ARCHIVE, keep=3, max_nodes=1)
-    hall.offer([contender(GOOD)])
+    hall.offer([contender(GOOD_WITH_DEAD_BRANCH)])
     assert (route.batches, hall.members) == ([], [])
+    hall.offer([contender(GOOD)])
+    assert (route.batches, hall.members) == ([1], []), "it might have been pruned to one decision node"
 
 
 def test_leaders_of_a_generation_are_mapped_only_when_they_are_new(route):
@@ -120,7 +144,7 @@ def test_leaders_of_a_generation_are_mapped_only_when_they_are_new(route):
 def test_winners_are_sorted_by_their_pruned_size(route):
     hall = HallOfFame(route, ARCHIVE, keep=3, max_nodes=5)
     hall.offer([contender(GOOD_WITH_DEAD_BRANCH, origin=REFINEMENT), contender(POOR), contender(POORER)])
-    assert [tree.n_decision_nodes for tree in trees(hall)] == [1, 1, 3]
+    assert [tree.n_decision_nodes for tree in trees(hall)] == [1, 1, 2]
     winners = hall.choose_winners(champion_of(route, POOR), VALIDATION).by_size
     assert [(winner.tree, winner.origin) for winner in winners] == [(POOR, POPULATION), (GOOD, REFINEMENT)]
 
@@ -144,7 +168,7 @@ def test_the_hall_of_fame_can_give_the_champion_and_the_champion_is_always_in_it
     assert (champion.pruned, champion.train_fitness) == (GOOD, 3.0)
     # This one is too large to be offered, and of the same worth as a smaller one.
     small = HallOfFame(route, ARCHIVE, keep=1, max_nodes=1)
-    winners = small.choose_winners(champion_of(route, GOOD), VALIDATION).by_size
+    winners = small.choose_winners(champion_of(route, GOOD_WITH_DEAD_BRANCH), VALIDATION).by_size
     assert [(winner.tree, winner.archive_mean) for winner in winners] == [(GOOD, None)]
 
 

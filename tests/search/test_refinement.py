@@ -1,107 +1,90 @@
-"""Tree -> DDT -> PPO -> tree, with little PPO."""
-
-from dataclasses import replace
+"""One refinement, whatever the method: what is accepted, what is measured, what is told."""
 
 import numpy as np
 import pytest
-from ge_torchrl.refinement_section import PPOConfig
 
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import describe
-from ge_torchrl.rl.ppo import TrainingRecord
-from ge_torchrl.search import refinement
-from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED, Refiner, Snapshots
+from ge_torchrl.records import TrainingRecord
+from ge_torchrl.refiner_section import RefinerConfig
+from ge_torchrl.search.refinement import (
+    FAILED,
+    IMPROVED,
+    NOT_IMPROVED,
+    Tuned,
+    is_clearly_better,
+    refine,
+    stream_name,
+)
 from ge_torchrl.trees.decision_tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
-# The right questions with answers that are mostly wrong.
-WRONG = split(2, 0.0154, split(3, 0.2290, leaf(1), leaf(1)), leaf(0))
-LITTLE = PPOConfig(name="little", max_timesteps=600, update_timesteps=200, epochs=3, measuring_episodes=10)
+GOOD = split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
+BAD = split(2, 0.0, split(3, 0.2290, leaf(1), leaf(0)), leaf(0))
+
+
+class Answers:
+    """Answers with a tree, whatever the question."""
+
+    def __init__(self, tree, failure=None):
+        self.tree, self.failure = tree, failure
+
+    def tune(self, trees, rngs, factor=1):  # noqa: ARG002
+        return [Tuned(self.tree, TrainingRecord(failure=self.failure), 7) for _ in trees]
 
 
 @pytest.fixture(scope="module")
 def route():
-    route = open_route(describe("CartPole-v1"))
+    route = open_route(describe("CartPole-v1"), threads=1)
     yield route
     route.close()
 
 
-def test_structure_is_kept_and_the_counts_tell_what_changed(route):
-    refined = Refiner(route, LITTLE, seed=0).refine(WRONG, generation=40)
-    after = refined.tree
-    np.testing.assert_array_equal(after.feature, WRONG.feature)
-    np.testing.assert_array_equal(after.children_left, WRONG.children_left)
-    np.testing.assert_array_equal(after.children_right, WRONG.children_right)
-    assert refined.thresholds_moved == np.count_nonzero(after.threshold != WRONG.threshold)
-    assert refined.leaves_changed == np.count_nonzero(after.action != WRONG.action)
-    assert refined.largest_threshold_move == np.abs(after.threshold - WRONG.threshold).max()
-    assert (refined.training.timesteps, refined.training.gradient_steps) == (600, 9)
-    assert refined.env_steps > 600
-    expected = IMPROVED if refined.return_after > refined.return_before else NOT_IMPROVED
-    assert refined.outcome == expected
+def test_better_by_so_many_standard_errors():
+    # Differences 0, 2, 0, 2: mean 1, deviation 1, standard error 1/2.
+    returns, than = np.array([1.0, 3.0, 1.0, 3.0]), np.ones(4)
+    assert is_clearly_better(returns, than, 0.0)
+    assert is_clearly_better(returns, than, 1.9)
+    assert not is_clearly_better(returns, than, 2.0)
+    assert not is_clearly_better(than, than, 0.0), "equal is not better"
+    assert not is_clearly_better(than, returns, 0.0)
 
 
-def test_the_same_seed_and_generation_give_the_same_tree(route):
-    one, two = (Refiner(route, LITTLE, seed=3).refine(WRONG, generation=40) for _ in range(2))
-    assert one.tree == two.tree
-    assert (one.return_before, one.return_after) == (two.return_before, two.return_after)
-    other = Refiner(route, LITTLE, seed=3).refine(WRONG, generation=80)
-    assert other.training != one.training
-
-
-def test_enough_ppo_mends_wrong_leaves(route):
-    config = PPOConfig(name="enough", max_timesteps=20_000, update_timesteps=2000, epochs=20, lr_actor=0.03)
-    refined = Refiner(route, config, seed=1).refine(WRONG, generation=40)
-    assert refined.outcome == IMPROVED
-    assert refined.return_after > 5 * refined.return_before
-    assert refined.leaves_changed > 0
-
-
-def test_a_failed_training_keeps_the_tree(route, monkeypatch):
-    def broken(ddt, source, settings, seed, after_update):  # noqa: ARG001
-        ddt.threshold.data.fill_(float("nan"))
-        return TrainingRecord(timesteps=200, failure="the loss is not finite in update 1")
-
-    monkeypatch.setattr(refinement, "train", broken)
-    refined = Refiner(route, LITTLE, seed=0).refine(WRONG, generation=40)
-    assert refined.outcome == FAILED
-    assert not refined.is_improved
-    assert refined.tree == WRONG
-    assert refined.return_before == refined.return_after
-
-
-def test_with_snapshots_the_best_hard_tree_comes_back_and_without_the_last(route):
-    good = split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
-    for seeds, expected in ((np.arange(10), good), (np.arange(0), leaf(0))):
-        snapshots = Snapshots(route, WRONG, seeds)
-        assert snapshots.chosen == WRONG
-        for tree in (leaf(1), good, leaf(0)):
-            snapshots.look_at(tree)
-        assert snapshots.chosen == expected
-        assert (snapshots.env_steps > 0) == (len(seeds) > 0)
-
-
-def test_a_training_that_only_harms_brings_back_the_tree_as_it_was(route):
-    good = split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
-    harmful = replace(LITTLE, lr_actor=10.0)
-    assert Refiner(route, harmful, seed=0).refine(good, generation=40).return_after < 300
-    refined = Refiner(route, replace(harmful, snapshot_episodes=50), seed=0).refine(good, generation=40)
-    assert refined.tree == good
-    assert refined.outcome == NOT_IMPROVED
-
-
-def test_snapshots_watch_and_do_not_disturb_the_training(route):
-    plain, watched = (
-        Refiner(route, replace(LITTLE, snapshot_episodes=n), seed=3).refine(WRONG, generation=40)
-        for n in (0, 5)
+@pytest.mark.parametrize(
+    ("before", "answer", "episodes", "after", "outcome"),
+    [
+        (BAD, GOOD, 0, GOOD, IMPROVED),
+        (BAD, GOOD, 30, GOOD, IMPROVED),
+        (GOOD, BAD, 0, BAD, NOT_IMPROVED),
+        (GOOD, BAD, 30, GOOD, NOT_IMPROVED),
+        (GOOD, GOOD, 30, GOOD, NOT_IMPROVED),
+    ],
+)
+def test_what_is_not_better_comes_back_as_it_was_where_acceptance_asks(
+    route, before, answer, episodes, after, outcome
+):
+    config = RefinerConfig(
+        name="test", acceptance_episodes=episodes, acceptance_errors=2.0, measuring_episodes=10
     )
-    assert plain.training == watched.training
-    assert plain.return_before == watched.return_before
-    assert watched.env_steps > plain.env_steps
+    refinement = refine(Answers(answer), route, before, config, 0, "test")
+    assert (refinement.tree, refinement.outcome) == (after, outcome)
+    assert (refinement.return_before == refinement.return_after) == (after == before)
+    moved = np.count_nonzero(after.threshold != before.threshold)
+    assert refinement.thresholds_moved == moved
+    assert refinement.env_steps > 7
 
 
-def test_another_attempt_in_the_same_generation_draws_other_numbers(route):
-    one, two = (
-        Refiner(route, LITTLE, seed=3).refine(WRONG, generation=40, attempt=attempt) for attempt in (0, 1)
-    )
-    assert one.training != two.training
+def test_more_errors_than_any_gain_accept_nothing(route):
+    config = RefinerConfig(name="test", acceptance_episodes=30, acceptance_errors=1e6, measuring_episodes=5)
+    assert refine(Answers(GOOD), route, BAD, config, 0, "test").tree == BAD
+
+
+def test_a_failed_training_is_told(route):
+    config = RefinerConfig(name="test", measuring_episodes=5)
+    refinement = refine(Answers(BAD, failure="the loss is not finite"), route, BAD, config, 0, "test")
+    assert (refinement.outcome, refinement.is_improved) == (FAILED, False)
+
+
+def test_the_first_refinement_of_a_generation_is_named_as_if_it_were_the_only_one():
+    assert stream_name(40, 0) == "refinement in generation 40"
+    assert stream_name(40, 2) == "refinement in generation 40, attempt 2"

@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import observations, renumbered_trees
+from strategies import observations, renumbered_trees, trees
 
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.decision_tree import DecisionTree
@@ -67,3 +69,23 @@ def test_each_observation_is_decided_by_its_own_tree(data, trees):
     chosen = data.draw(st.lists(st.integers(0, len(trees) - 1), min_size=len(rows), max_size=len(rows)))
     expected = [int(trees[p].decide(row[np.newaxis])[0]) for p, row in zip(chosen, rows, strict=True)]
     assert forest.decide(np.array(chosen, dtype=np.int64), rows).tolist() == expected
+
+
+@given(st.lists(trees(), max_size=5))
+def test_depth_first_numbering_determines_the_children(numbered):
+    forest = Forest.stack(numbered)
+    again = Forest.depth_first(
+        [tree.n_nodes for tree in numbered], forest.feature, forest.threshold, forest.action
+    )
+    assert [again.tree(index) for index in range(len(again))] == numbered
+
+
+@given(trees(), st.integers(0, 3), st.integers(0, 2**32))
+def test_copies_with_other_thresholds_are_the_trees_with_these_thresholds(tree, n, seed):
+    thresholds = np.random.default_rng(seed).normal(size=(n, tree.n_nodes)).astype(np.float32)
+    thresholds[:, tree.is_leaf] = 0
+    thresholds[: n // 2] *= -0.0
+    copies = Forest.of_thresholds(tree, thresholds)
+    assert [copies.tree(index) for index in range(n)] == [
+        replace(tree, threshold=threshold) for threshold in thresholds
+    ]

@@ -1,0 +1,108 @@
+"""A tree's neighbours are trees, and each edit changes one thing."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import trees
+
+from ge_torchrl.trees import edits
+from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.edits import EditedTree, Nodes
+from ge_torchrl.trees.forest import Forest
+
+leaf, split = DecisionTree.leaf, DecisionTree.split
+TREE = split(0, 0.5, split(1, -1.0, leaf(0), leaf(1)), leaf(2))
+# Seen at the inner decision node, nodes 1 to 3, are the states with a first feature below 0.5.
+OBSERVED = np.array([[0.0, -2.0], [0.25, 3.0], [9.0, 7.0]], np.float32)
+
+
+def assembled(nodes):
+    return Forest.depth_first([len(nodes)], nodes.feature, nodes.threshold, nodes.action).tree(0)
+
+
+def edited(kind, seed, tree=TREE, observed=OBSERVED):
+    """Return what one kind of edit makes of a tree."""
+    of = EditedTree.of(tree, observed)
+    nodes = Nodes(tree.feature, tree.threshold, tree.action)
+    rng = np.random.default_rng(seed)
+    return assembled(edits._EDITS[kind](edits._Edit(nodes, of.observed, of.leaf, np.arange(2), 3, rng)))
+
+
+def all_edited(kind):
+    return {edited(kind, seed) for seed in range(300)}
+
+
+@given(trees(n_features=2, n_actions=3), st.integers(0, 2**32))
+def test_every_neighbour_is_a_tree(tree, seed):
+    rng = np.random.default_rng(seed)
+    observed = rng.normal(size=(20, 2)).astype(np.float32)
+    neighbour = assembled(EditedTree.of(tree, observed).neighbour(np.arange(2), 3, rng))
+    assert abs(neighbour.n_decision_nodes - tree.n_decision_nodes) <= 2 * max(1, tree.n_decision_nodes)
+    assert neighbour.action.max() < 3
+    assert neighbour.feature.max() < 2
+
+
+def test_a_lone_leaf_can_only_grow():
+    of = EditedTree.of(leaf(1), OBSERVED)
+    streams = (np.random.default_rng(seed) for seed in range(50))
+    sizes = [assembled(of.neighbour(np.arange(2), 3, rng)).n_decision_nodes for rng in streams]
+    # A second edit may take back what the first one did.
+    assert sizes.count(1) > 30
+
+
+@pytest.mark.parametrize(
+    ("node", "end"), [(0, 5), (1, 4), (2, 3), (3, 4), (4, 5)], ids=["root", "inner", "leaf", "leaf2", "last"]
+)
+def test_the_end_of_a_subtree(node, end):
+    assert Nodes(TREE.feature, TREE.threshold, TREE.action).end(node) == end
+
+
+def test_dropping_a_decision_keeps_one_of_its_children():
+    assert all_edited("drop") == {
+        split(1, -1.0, leaf(0), leaf(1)),
+        leaf(2),
+        split(0, 0.5, leaf(0), leaf(2)),
+        split(0, 0.5, leaf(1), leaf(2)),
+    }
+
+
+def test_relabelling_changes_the_action_of_one_leaf():
+    expected = set()
+    for actions in ((a, 1, 2) for a in range(3)):
+        expected.add(split(0, 0.5, split(1, -1.0, leaf(actions[0]), leaf(1)), leaf(2)))
+    for action in range(3):
+        expected.add(split(0, 0.5, split(1, -1.0, leaf(0), leaf(action)), leaf(2)))
+        expected.add(split(0, 0.5, split(1, -1.0, leaf(0), leaf(1)), leaf(action)))
+    assert all_edited("relabel") == expected
+
+
+def test_a_new_test_takes_a_value_that_was_seen_at_its_node():
+    at_root = {(f, float(value)) for f in range(2) for value in OBSERVED[:, f]}
+    at_inner = {(f, float(value)) for f in range(2) for value in OBSERVED[:2, f]}
+    found = all_edited("test_anew")
+    roots = {(int(t.feature[0]), float(t.threshold[0])) for t in found if t.threshold[1] == -1.0}
+    inners = {(int(t.feature[1]), float(t.threshold[1])) for t in found if t.threshold[0] == 0.5}
+    assert roots - {(0, 0.5)} == at_root
+    assert inners - {(1, -1.0)} == at_inner
+    assert {t.n_decision_nodes for t in found} == {2}
+
+
+def test_growing_puts_a_decision_and_a_leaf_in_and_leaves_the_rest():
+    for tree in all_edited("grow"):
+        assert tree.n_decision_nodes == 3
+        # Without the new decision the old tree is there again.
+        dropped = {edited("drop", seed, tree) for seed in range(60)}
+        assert TREE in dropped
+
+
+def test_where_nothing_was_seen_any_state_gives_the_threshold():
+    unseen = np.array([[9.0, 7.0]], np.float32)
+    found = {edited("test_anew", seed, observed=unseen) for seed in range(60)}
+    assert {float(t.threshold[1]) for t in found if t.threshold[0] == 0.5} == {7.0, 9.0}
+
+
+def test_new_decisions_test_only_the_features_that_are_allowed():
+    for seed in range(100):
+        nodes = EditedTree.of(leaf(0), OBSERVED).neighbour(np.array([1]), 3, np.random.default_rng(seed))
+        assert set(nodes.feature.tolist()) <= {-1, 1}
