@@ -200,7 +200,10 @@ class HallOfFameConfig:
         neighbours_drawn: Neighbours drawn and measured on the training episodes, from which they are chosen.
         revisits: Kept trees refined again in a scheduled generation.
         revisit_factor: How many times the refiner's episodes and steps such a refinement takes.
-        final_factor: Likewise for a last refinement of every kept tree, after evolution; 0 leaves it out.
+        final_keep: Kept trees of each size that are refined once more after evolution; 0 leaves it out.
+        final_factor: How many times the refiner's episodes and steps this takes.
+        final_patience: How many times the steps, but not the episodes, beyond that.
+        final_step: How many times the refiner's first step of thresholds, where the method has one.
         migrants: Kept trees that take the places of the least fit individuals after a scheduled generation.
     """
 
@@ -214,7 +217,10 @@ class HallOfFameConfig:
     neighbours_drawn: int = 500
     revisits: int = 0
     revisit_factor: int = 5
-    final_factor: int = 0
+    final_keep: int = 0
+    final_factor: int = 20
+    final_patience: int = 1
+    final_step: float = 1.0
     migrants: int = 0
 
     def __post_init__(self) -> None:
@@ -226,5 +232,8 @@ class HallOfFameConfig:
         check_integer(self, "neighbours_drawn", 1, "neighbours are chosen among those drawn")
         check_integer(self, "revisits", 0, "it counts trees")
         check_integer(self, "revisit_factor", 1, "a revisit measures at least as well as a first refinement")
-        check_integer(self, "final_factor", 0, "it multiplies a budget; 0 leaves the last refinements out")
+        check_integer(self, "final_keep", 0, "it counts trees")
+        check_integer(self, "final_factor", 1, "it multiplies a budget")
+        check_integer(self, "final_patience", 1, "it multiplies a budget")
+        check_number(self, "final_step", above=0.0)
         check_integer(self, "migrants", 0, "it counts individuals")

@@ -161,6 +161,7 @@ EXPLORED = {
     "neighbours_drawn": 40,
     "revisits": 1,
     "revisit_factor": 2,
+    "final_keep": 2,
     "final_factor": 2,
     "migrants": 5,
 }
@@ -207,15 +208,15 @@ class TestExploring:
         assert explored[-1] == summary.explored
 
     def test_what_is_asked_for_is_done_and_nothing_else(self, tmp_path):
-        nothing, _ = explored(tmp_path / "0", neighbours=0, revisits=0, final_factor=0, migrants=0)
+        nothing, _ = explored(tmp_path / "0", neighbours=0, revisits=0, final_keep=0, migrants=0)
         assert nothing.explored == 0
-        revisits, _ = explored(tmp_path / "1", neighbours=0, final_factor=0, migrants=0)
+        revisits, _ = explored(tmp_path / "1", neighbours=0, final_keep=0, migrants=0)
         assert 0 < revisits.explored <= 2
         final, _ = explored(tmp_path / "2", neighbours=0, revisits=0, migrants=0)
         assert (final.explored, final.env_steps > nothing.env_steps) == (0, True)
         same = [RunFolder(tmp_path / name).read_history() for name in "02"]
         assert [r.best_fitness for r in same[0]] == [r.best_fitness for r in same[1]]
-        migrants, _ = explored(tmp_path / "3", neighbours=0, revisits=0, final_factor=0)
+        migrants, _ = explored(tmp_path / "3", neighbours=0, revisits=0, final_keep=0)
         assert migrants.explored == 0
         means = [
             [record.mean_fitness for record in RunFolder(tmp_path / name).read_history()] for name in "03"
@@ -237,7 +238,7 @@ def test_the_default_program_loads_no_torch(tmp_path):
     code = (
         "import sys; from ge_torchrl.__main__ import main; "
         f"status = main(['ge.generations=2', 'ge.population_size=20', 'hydra.run.dir={tmp_path}/run', "
-        "'hall_of_fame.neighbours=2', 'hall_of_fame.final_factor=0', 'evaluation.validation_episodes=20']); "
+        "'hall_of_fame.neighbours=2', 'hall_of_fame.final_keep=0', 'evaluation.validation_episodes=20']); "
         "sys.exit(status or 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, timeout=120, capture_output=True)

@@ -21,7 +21,7 @@ from ge_torchrl.environments.route import Route
 from ge_torchrl.records import TrainingRecord
 from ge_torchrl.refiner_section import CMAESConfig
 from ge_torchrl.search.fitness import measure
-from ge_torchrl.search.refinement import Tuned
+from ge_torchrl.search.refinement import FIRST, Effort, Tuned
 from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
@@ -43,13 +43,16 @@ class CMAESRefiner:
         self._config = config
 
     def tune(
-        self, trees: Sequence[DecisionTree], rngs: Sequence[np.random.Generator], factor: int = 1
+        self,
+        trees: Sequence[DecisionTree],
+        rngs: Sequence[np.random.Generator],
+        effort: Effort = FIRST,
     ) -> list[Tuned]:
         """Tune trees side by side, all on the same episodes, which the first stream draws; see `RefinesTrees`."""
         if not trees:
             return []
-        seeds = episode_seeds("training", factor * self._config.episodes, rngs[0])
-        jobs = [partial(self._tune, tree, seeds, rng, factor) for tree, rng in zip(trees, rngs, strict=True)]
+        seeds = episode_seeds("training", effort.factor * self._config.episodes, rngs[0])
+        jobs = [partial(self._tune, tree, seeds, rng, effort) for tree, rng in zip(trees, rngs, strict=True)]
         return [jobs[0](self._route)] if len(jobs) == 1 else self._route.run_jobs(jobs)
 
     def _tune(
@@ -57,11 +60,11 @@ class CMAESRefiner:
         tree: DecisionTree,
         seeds: NDArray[np.int64],
         rng: np.random.Generator,
-        factor: int,
+        effort: Effort,
         route: Route,
     ) -> Tuned:
         """Tune a tree's leaves and thresholds with its structure unchanged."""
-        trial = _Trial(route, tree, self._config, factor, seeds)
+        trial = _Trial(route, tree, self._config, effort, seeds)
         trial.tune_leaves()
         trial.tune_thresholds(rng)
         training = TrainingRecord(timesteps=trial.env_steps, updates=trial.rounds)
@@ -72,10 +75,11 @@ class _Trial:
     """The best tree so far, and how much of the budget is left."""
 
     def __init__(
-        self, route: Route, tree: DecisionTree, config: CMAESConfig, factor: int, seeds: NDArray[np.int64]
+        self, route: Route, tree: DecisionTree, config: CMAESConfig, effort: Effort, seeds: NDArray[np.int64]
     ) -> None:
         self._route = route
-        self._first_step = config.first_step
+        factor = effort.factor * effort.patience
+        self._first_step = effort.step * config.first_step
         self._max_timesteps = factor * config.max_timesteps
         self._deadline = (
             math.inf if config.max_seconds is None else time.perf_counter() + factor * config.max_seconds

@@ -19,7 +19,7 @@ from ge_torchrl.ge.encoding import can_derive, encode, snap
 from ge_torchrl.search.champion import NEIGHBOUR, Contender
 from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.hall_of_fame import HallOfFame
-from ge_torchrl.search.refinement import RefinesTrees
+from ge_torchrl.search.refinement import FIRST, Effort, RefinesTrees
 from ge_torchrl.sections import HallOfFameConfig
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.decision_tree import DecisionTree
@@ -89,17 +89,17 @@ class Explorer:
         if not self._hall.members:
             return Explored(generation, 0, 0)
         neighbours, env_steps = self._neighbours(generation.seeds, rng)
-        refined, steps = self._refine(neighbours, 1, generation.seeds, rng)
+        refined, steps = self._refine(neighbours, FIRST, generation.seeds, rng)
         env_steps += steps
         revisited, steps = self._refine(
-            self._some_members(rng), self._config.revisit_factor, generation.seeds, rng
+            self._some_members(rng), Effort(self._config.revisit_factor), generation.seeds, rng
         )
         env_steps += steps
         generation, steps = self._migrate(generation, rng)
         return Explored(generation, refined + revisited, env_steps + steps)
 
     def finish(self, seeds: NDArray[np.int64]) -> int:
-        """Refine every kept tree once more, with the budget of the end.
+        """Refine the best kept trees of each size once more, with the budget of the end.
 
         Args:
             seeds: [E] training episodes, which tell the fitness of what comes out.
@@ -107,11 +107,13 @@ class Explorer:
         Returns:
             Environment steps; those of the hall of fame count there.
         """
-        if self._config.final_factor == 0:
-            return 0
-        trees = [member.tree for member in self._hall.members if member.tree.n_decision_nodes > 0]
+        config, by_size = self._config, dict[int, list[DecisionTree]]()
+        for member in self._hall.members:
+            by_size.setdefault(member.tree.n_decision_nodes, []).append(member.tree)
+        trees = [tree for size, kept in by_size.items() if size > 0 for tree in kept[: config.final_keep]]
         rng = stream(self._seed, "hall of fame at the end")
-        return self._refine(trees, self._config.final_factor, seeds, rng)[1]
+        effort = Effort(config.final_factor, config.final_patience, config.final_step)
+        return self._refine(trees, effort, seeds, rng)[1]
 
     def _neighbours(
         self, seeds: NDArray[np.int64], rng: np.random.Generator
@@ -176,12 +178,16 @@ class Explorer:
         return [trees[i] for i in rng.choice(len(trees), size=n, replace=False)] if n else []
 
     def _refine(
-        self, trees: Sequence[DecisionTree], factor: int, seeds: NDArray[np.int64], rng: np.random.Generator
+        self,
+        trees: Sequence[DecisionTree],
+        effort: Effort,
+        seeds: NDArray[np.int64],
+        rng: np.random.Generator,
     ) -> tuple[int, int]:
         """Refine trees and offer what comes out; return their number and environment steps."""
         if not trees:
             return 0, 0
-        tuned = self._refiner.tune(trees, rng.spawn(len(trees)), factor)
+        tuned = self._refiner.tune(trees, rng.spawn(len(trees)), effort)
         refined = [self._snapped(one.tree) for one in tuned]
         measured = self._evolution.measure(Forest.stack(refined), seeds)
         self._hall.offer(

@@ -17,7 +17,7 @@ from ge_torchrl.rl.ddt import harden, soften
 from ge_torchrl.rl.ppo import PPOSettings, train
 from ge_torchrl.rl.samples import open_source
 from ge_torchrl.search.fitness import measure
-from ge_torchrl.search.refinement import Tuned
+from ge_torchrl.search.refinement import FIRST, Effort, Tuned
 from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
@@ -71,16 +71,19 @@ class PPORefiner:
         self._config = config
 
     def tune(
-        self, trees: Sequence[DecisionTree], rngs: Sequence[np.random.Generator], factor: int = 1
+        self,
+        trees: Sequence[DecisionTree],
+        rngs: Sequence[np.random.Generator],
+        effort: Effort = FIRST,
     ) -> list[Tuned]:
         """Tune trees one after another, since training uses one thread of the whole process; see `RefinesTrees`."""
-        return [self._tune(tree, rng, factor) for tree, rng in zip(trees, rngs, strict=True)]
+        return [self._tune(tree, rng, effort) for tree, rng in zip(trees, rngs, strict=True)]
 
-    def _tune(self, tree: DecisionTree, rng: np.random.Generator, factor: int) -> Tuned:
+    def _tune(self, tree: DecisionTree, rng: np.random.Generator, effort: Effort) -> Tuned:
         """Soften a tree, train it with its structure unchanged, and harden it."""
         config, n_actions = self._config, self._route.spec.n_actions
         # A stream of their own: with or without snapshots, training is the same to the bit.
-        seeds = episode_seeds("training", factor * config.snapshot_episodes, rng.spawn(1)[0])
+        seeds = episode_seeds("training", effort.factor * config.snapshot_episodes, rng.spawn(1)[0])
         generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
         ddt = soften(
             tree,
@@ -96,7 +99,7 @@ class PPORefiner:
             training = train(
                 ddt,
                 source,
-                _settings(config, factor),
+                _settings(config, effort.factor * effort.patience),
                 seed=int(rng.integers(2**62)),
                 after_update=lambda: snapshots.look_at(harden(ddt)),
             )

@@ -58,6 +58,25 @@ class Refinement:
         return self.outcome == IMPROVED
 
 
+@dataclass(frozen=True)
+class Effort:
+    """How much more than in a first refinement is spent on a tree.
+
+    Attributes:
+        factor: How many times the method's episodes, and its steps in the environment.
+        patience: How many times the steps beyond that, so that so many times more trees can be tried.
+        step: How many times the first step of thresholds, where a method has one: a tree that is good already is
+            searched nearer by.
+    """
+
+    factor: int = 1
+    patience: int = 1
+    step: float = 1.0
+
+
+FIRST = Effort()
+
+
 @dataclass(frozen=True, eq=False)
 class Tuned:
     """What a method made of a tree.
@@ -77,14 +96,17 @@ class RefinesTrees(Protocol):
     """Makes better trees of trees, with their structure unchanged."""
 
     def tune(
-        self, trees: Sequence[DecisionTree], rngs: Sequence[np.random.Generator], factor: int = 1
+        self,
+        trees: Sequence[DecisionTree],
+        rngs: Sequence[np.random.Generator],
+        effort: Effort = FIRST,
     ) -> list[Tuned]:
         """Tune trees, each by itself.
 
         Args:
             trees: The trees.
             rngs: A stream of randomness for each.
-            factor: How many times the method's budget and episodes each tree gets.
+            effort: How much more than in a first refinement.
 
         Returns:
             What became of each.

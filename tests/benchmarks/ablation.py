@@ -22,7 +22,7 @@ SHORT = [
     "ge.generations=10",
     "hall_of_fame.neighbours=10",
     "hall_of_fame.neighbours_drawn=200",
-    "hall_of_fame.final_factor=0",
+    "hall_of_fame.final_keep=0",
     "evaluation.validation_episodes=1000",
 ]
 DEFAULT = "the default"

@@ -9,7 +9,7 @@ from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.refiner_section import CMAESConfig, RefinerConfig
 from ge_torchrl.search.cmaes import CMAESRefiner, spread_of
-from ge_torchrl.search.refinement import IMPROVED, NOT_IMPROVED, refine
+from ge_torchrl.search.refinement import FIRST, IMPROVED, NOT_IMPROVED, Effort, refine
 from ge_torchrl.trees.decision_tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
@@ -90,6 +90,15 @@ def test_a_larger_first_step_moves_thresholds_farther(route):
     assert near.largest_threshold_move < 1e-4 < far.largest_threshold_move
 
 
+def test_an_effort_can_search_nearer_by(route):
+    near, far = (
+        CMAESRefiner(route, CONFIG).tune([FAR_THRESHOLD], [np.random.default_rng(0)], effort)[0].tree
+        for effort in (Effort(step=1e-6), FIRST)
+    )
+    assert np.abs(near.threshold - FAR_THRESHOLD.threshold).max() < 1e-4
+    assert np.abs(far.threshold - FAR_THRESHOLD.threshold).max() > 1e-2
+
+
 def test_trees_tuned_side_by_side_are_those_tuned_alone_on_the_same_episodes(route):
     trees = [WRONG_LEAVES, FAR_THRESHOLD]
     streams = [np.random.default_rng([7, i]) for i in range(2)]
@@ -106,8 +115,10 @@ def test_trees_tuned_side_by_side_are_those_tuned_alone_on_the_same_episodes(rou
 
 
 def test_a_factor_multiplies_the_budget(route):
-    (once,), (thrice,) = (
-        CMAESRefiner(route, CONFIG).tune([FAR_THRESHOLD], [np.random.default_rng(0)], factor)
-        for factor in (1, 3)
+    (once,), (thrice,), (patient,) = (
+        CMAESRefiner(route, CONFIG).tune([FAR_THRESHOLD], [np.random.default_rng(0)], effort)
+        for effort in (FIRST, Effort(factor=3), Effort(patience=3))
     )
     assert once.env_steps < 2 * CONFIG.max_timesteps < 3 * CONFIG.max_timesteps <= thrice.env_steps
+    assert patient.env_steps >= 3 * CONFIG.max_timesteps
+    assert patient.training.updates > 2 * once.training.updates, "on as many episodes, more trees"

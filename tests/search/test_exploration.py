@@ -16,7 +16,7 @@ from ge_torchrl.search.evolution import Evolution
 from ge_torchrl.search.exploration import Explorer, in_turns
 from ge_torchrl.search.fitness import TrainingEpisodes
 from ge_torchrl.search.hall_of_fame import HallOfFame
-from ge_torchrl.search.refinement import Tuned
+from ge_torchrl.search.refinement import FIRST, Effort, Tuned
 from ge_torchrl.sections import GEConfig, HallOfFameConfig
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.decision_tree import DecisionTree
@@ -39,9 +39,9 @@ class Moves:
     def __init__(self):
         self.asked = []
 
-    def tune(self, trees, rngs, factor=1):
+    def tune(self, trees, rngs, effort=FIRST):
         assert len(rngs) == len(trees)
-        self.asked.append((list(trees), factor))
+        self.asked.append((list(trees), effort))
         return [
             Tuned(
                 replace(tree, threshold=np.where(tree.is_leaf, 0, tree.threshold + 0.003)),
@@ -88,7 +88,7 @@ def test_neighbours_are_of_structures_not_tried_before_each_once(evolution, hall
     tried = [tree.structure for trees, _ in refiner.asked for tree in trees]
     assert len(tried) == len(set(tried)) > 5
     assert all(1 <= tree.n_decision_nodes <= 3 for trees, _ in refiner.asked for tree in trees)
-    assert all(factor == 1 for _, factor in refiner.asked)
+    assert all(effort == FIRST for _, effort in refiner.asked)
 
 
 def test_neighbours_are_trees_of_the_grammar(evolution, hall):
@@ -122,16 +122,23 @@ def test_snapped_or_not(evolution, hall, snaps):
 def test_kept_trees_are_refined_again_with_a_larger_budget(evolution, hall):
     explores, refiner = explorer(evolution, hall, revisits=2, revisit_factor=4)
     explored = explores.explore(evolution.first())
-    ((trees, factor),) = refiner.asked
-    assert (set(trees), factor, explored.refined) == ({GOOD, POOR}, 4, 2)
+    ((trees, effort),) = refiner.asked
+    assert (set(trees), effort, explored.refined) == ({GOOD, POOR}, Effort(4), 2)
 
 
-def test_at_the_end_every_kept_tree_is_refined_unless_the_factor_is_0(evolution, hall):
-    explores, refiner = explorer(evolution, hall, final_factor=9)
+def test_at_the_end_the_best_of_each_size_are_refined_once_more(evolution, hall):
+    of_another_structure = split(2, 0.1, leaf(0), leaf(1))
+    hall.offer([Contender(of_another_structure, 9.0, POPULATION)])
+    ones = [member.tree for member in hall.members if member.tree.n_decision_nodes == 1]
+    assert len(ones) == 2
+    explores, refiner = explorer(
+        evolution, hall, final_keep=1, final_factor=3, final_patience=2, final_step=0.1
+    )
     hall.offer([Contender(leaf(0), 9.0, POPULATION)])
     assert explores.finish(np.arange(5)) >= 2 * 7
-    ((trees, factor),) = refiner.asked
-    assert (set(trees), factor) == ({GOOD, POOR}, 9), "a lone leaf has nothing to refine"
+    ((trees, effort),) = refiner.asked
+    assert set(trees) == {GOOD, ones[0]}, "a lone leaf has nothing to refine"
+    assert effort == Effort(3, 2, 0.1)
     explores, refiner = explorer(evolution, hall)
     assert (explores.finish(np.arange(5)), refiner.asked) == (0, [])
 

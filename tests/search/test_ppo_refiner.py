@@ -11,7 +11,7 @@ from ge_torchrl.records import TrainingRecord
 from ge_torchrl.refiner_section import PPOConfig, RefinerConfig
 from ge_torchrl.search import ppo_refiner
 from ge_torchrl.search.ppo_refiner import PPORefiner, Snapshots
-from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED, refine, stream_name
+from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED, Effort, refine, stream_name
 from ge_torchrl.trees.decision_tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
@@ -119,5 +119,5 @@ def test_surer_leaves_give_a_soft_tree_that_acts_more_like_the_hard_one(route):
 
 
 def test_a_factor_multiplies_the_timesteps(route):
-    (tuned,) = PPORefiner(route, LITTLE).tune([WRONG], [np.random.default_rng(0)], factor=2)
+    (tuned,) = PPORefiner(route, LITTLE).tune([WRONG], [np.random.default_rng(0)], Effort(factor=2))
     assert tuned.training.timesteps == 2 * LITTLE.max_timesteps

@@ -9,6 +9,7 @@ from ge_torchrl.records import TrainingRecord
 from ge_torchrl.refiner_section import RefinerConfig
 from ge_torchrl.search.refinement import (
     FAILED,
+    FIRST,
     IMPROVED,
     NOT_IMPROVED,
     Tuned,
@@ -29,7 +30,7 @@ class Answers:
     def __init__(self, tree, failure=None):
         self.tree, self.failure = tree, failure
 
-    def tune(self, trees, rngs, factor=1):  # noqa: ARG002
+    def tune(self, trees, rngs, effort=FIRST):  # noqa: ARG002
         return [Tuned(self.tree, TrainingRecord(failure=self.failure), 7) for _ in trees]
 
 
