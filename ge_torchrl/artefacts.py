@@ -7,7 +7,7 @@
 | `best_tree.json` | the champion, pruned |
 | `best_tree_full.json` | the champion as its genotype maps to it |
 | `best_tree.txt` | the pruned champion for a person |
-| `refinements.jsonl` | a `RefinementRecord` for each application of PPO |
+| `refinements.jsonl` | a `RefinementRecord` for each refinement of an individual |
 | `hall_of_fame.jsonl` | a `HallOfFameRecord` for each number of decision nodes |
 | `hall_of_fame/03.json` | the best tree with 3 decision nodes, pruned; likewise for the other sizes |
 | `summary.json` | the `Summary` |

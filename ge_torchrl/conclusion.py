@@ -13,7 +13,8 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.route import Outcomes
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import GrammarError
-from ge_torchrl.generations import Evolved, validation_seeds
+from ge_torchrl.generations import Evolved
+from ge_torchrl.leader import validation_seeds
 from ge_torchrl.records import HallOfFameRecord, Summary
 from ge_torchrl.report.closing import tree_text
 from ge_torchrl.search.champion import Champion, Contender, choose_champion, contenders_of

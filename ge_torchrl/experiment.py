@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from rich.console import Console
 
@@ -29,10 +29,8 @@ from ge_torchrl.search.evolution import Evolution
 from ge_torchrl.search.exploration import Explorer
 from ge_torchrl.search.fitness import TrainingEpisodes
 from ge_torchrl.search.hall_of_fame import HallOfFame, open_hall_of_fame
+from ge_torchrl.search.refinement import RefinesTrees
 from ge_torchrl.seeding import stream
-
-if TYPE_CHECKING:
-    from ge_torchrl.search.refinement import RefinesTrees
 
 _Record = TypeVar("_Record")
 

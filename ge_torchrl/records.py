@@ -85,7 +85,7 @@ class TrainingRecord:
 
 @dataclass(frozen=True)
 class RefinementRecord:
-    """One application of PPO to one tree; numbers are None where no candidate was found.
+    """One refinement of an individual; numbers are None where no candidate was found.
 
     Attributes:
         generation: After whose selection it happened.
@@ -190,7 +190,7 @@ class Summary:
         stopped_by: "generations", "solved", "max_seconds", "max_env_steps" or "interrupt".
         env_steps: Environment steps of evolution and of refinements.
         env_steps_total: With the final refinements, the hall of fame, validation, pruning and test.
-        refinements: Applications of PPO to a tree, skipped ones not counted.
+        refinements: Refinements of individuals, skipped ones not counted.
         refinements_improved: Those that made the tree better on the same unseen episodes.
         champion_from: "population", "refinement" if the champion is a refined individual, or "neighbour" if it is a
             tree refined in exploring from the hall of fame.

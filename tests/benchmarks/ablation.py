@@ -1,6 +1,6 @@
 """What each part of the default brings: it is left out, one at a time, in short runs of many seeds.
 
-    python tests/benchmarks/ablation.py                 # all environments, 20 seeds, about half an hour on two cores
+    python tests/benchmarks/ablation.py                 # all environments, 20 seeds, a quarter of an hour on two cores
     python tests/benchmarks/ablation.py --table         # the tables of runs that are there already
 
 A short run has few generations and few neighbours, so that it shows how fast good trees are found, before all
@@ -19,7 +19,7 @@ from ge_torchrl.report.statistics import bootstrap_interval
 from ge_torchrl.report.tables import markdown
 
 SHORT = [
-    "ge.generations=10",
+    "ge.generations=8",
     "hall_of_fame.neighbours=10",
     "hall_of_fame.neighbours_drawn=200",
     "hall_of_fame.final_keep=0",
