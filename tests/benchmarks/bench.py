@@ -14,11 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
+import hydra
 import numpy as np
-import yaml
 from rich.console import Console
 from rich.table import Table
 
+from ge_torchrl.__main__ import _CONF, _VERSION_BASE, _config_from, _prepare_hydra
 from ge_torchrl.artefacts import RunFolder
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_route
@@ -30,17 +31,19 @@ from ge_torchrl.trees.simplify import simplify_forest
 
 ENVIRONMENTS = ("cartpole", "mountaincar", "acrobot")
 TREES, EPISODES = 200, 128
-CONF = Path(__file__).parents[2] / "conf"
 console = Console(width=110)
+
+
+def composed(*overrides: str) -> Config:
+    """The configuration that the command line composes of these overrides."""
+    _prepare_hydra()
+    with hydra.initialize_config_dir(str(_CONF), version_base=_VERSION_BASE):
+        return _config_from(hydra.compose("config", overrides=list(overrides)))
 
 
 def config(environment: str, seed: int = 0) -> Config:
     """The thesis' settings of an environment."""
-    groups = {
-        group: yaml.safe_load((CONF / group / f"{environment}.yaml").read_text(encoding="utf-8"))
-        for group in ("env", "grammar", "ge", "evaluation")
-    }
-    return Config.from_mapping({**groups, "seed": seed})
+    return composed(f"experiment=thesis/{environment}", "refiner=none", f"seed={seed}")
 
 
 def distinct_trees(environment: str, n: int):

@@ -5,15 +5,12 @@ settings and a network for an actor.
 """
 
 import time
-from pathlib import Path
 
 import numpy as np
 import torch
-import yaml
-from bench import CONF, config, console, timed_run
+from bench import composed, console, timed_run
 from rich.table import Table
 
-from ge_torchrl.config import Config
 from ge_torchrl.environments.soft_rollouts import SoftSampler
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
 from ge_torchrl.rl.ddt import soften
@@ -136,7 +133,7 @@ def bench_thesis_runs() -> None:
     for column in ("environment", "evolution s", "of which PPO s", "refinements", "goal s"):
         table.add_column(column, justify="left" if column == "environment" else "right")
     for environment, goal in (("cartpole", 60), ("acrobot", 90), ("mountaincar", 60)):
-        summary, _, _ = timed_run(with_ppo(config(environment), environment))
+        summary, _, _ = timed_run(composed(f"experiment=thesis/{environment}"))
         table.add_row(
             summary.environment,
             f"{summary.evolve_seconds:.1f}",
@@ -145,11 +142,6 @@ def bench_thesis_runs() -> None:
             str(goal),
         )
     console.print(table)
-
-
-def with_ppo(configured: Config, environment: str) -> Config:
-    table = yaml.safe_load((Path(CONF) / "ppo" / "table" / f"{environment}.yaml").read_text(encoding="utf-8"))
-    return Config.from_mapping({**configured.as_mapping(), "ppo": {"name": "thesis", **table}})
 
 
 if __name__ == "__main__":

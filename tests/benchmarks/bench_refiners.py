@@ -13,10 +13,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import hydra
 import numpy as np
+from bench import composed
 
-from ge_torchrl.__main__ import _CONF, _VERSION_BASE, _config_from, _prepare_hydra
 from ge_torchrl.environments.compiled_route import CompiledRoute
 from ge_torchrl.experiment import plan
 from ge_torchrl.refiner_section import CMAESConfig
@@ -38,9 +37,7 @@ UNSEEN = np.arange(2_000_000, 2_001_000)
 
 
 def config_of(environment, seed, *overrides):
-    with hydra.initialize_config_dir(str(_CONF), version_base=_VERSION_BASE):
-        chosen = [f"env={environment}", f"seed={seed}", "refiner=ppo", *overrides]
-        return _config_from(hydra.compose("config", overrides=chosen))
+    return composed(f"env={environment}", f"seed={seed}", "refiner=ppo", *overrides)
 
 
 def tree_of(environment, seed):
@@ -153,7 +150,6 @@ if __name__ == "__main__":
     parser.add_argument("--environments", nargs="+", default=list(GENERATIONS), choices=list(GENERATIONS))
     parser.add_argument("--output", type=Path, help="a file for the tables, besides standard output")
     options = parser.parse_args()
-    _prepare_hydra()
     tables = []
     for environment in options.environments:
         tables.append(bench(environment))
