@@ -134,9 +134,8 @@ def _evolve(
             loop.refine_with(refiner, _each(refinements.write, progress.show_refinement))
             if hall is not None:
                 snaps = config.refiner.write_back
-                loop.explore_with(
-                    Explorer(config.hall_of_fame, evolution, hall, refiner, config.seed, snaps=snaps)
-                )
+                explorer = Explorer(config.hall_of_fame, evolution, hall, refiner, config.seed, snaps=snaps)
+                loop.explore_with(explorer, lambda: _tell_of_last_refinement(config, console))
         try:
             return loop.run()
         except EnvironmentFaultError as fault:
@@ -146,6 +145,11 @@ def _evolve(
             raise EnvironmentFaultError(
                 f"{fault}; the best tree so far is in {folder.path}, untested"
             ) from fault
+
+
+def _tell_of_last_refinement(config: Config, console: Console) -> None:
+    if config.hall_of_fame.final_keep > 0:
+        console.print("Refining the best trees of each size once more ...")
 
 
 def _each(*receivers: Callable[[_Record], None]) -> Callable[[_Record], None]:

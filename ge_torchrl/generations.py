@@ -75,6 +75,7 @@ class GenerationLoop:
     hall_of_fame: HallOfFame | None = None
     _refiner: RefinesTrees | None = field(default=None, init=False)
     _explorer: Explorer | None = field(default=None, init=False)
+    _before_finish: Callable[[], None] = field(default=lambda: None, init=False)
     _on_refinement: Callable[[RefinementRecord], None] = field(default=lambda _: None, init=False)
     _evolved: Evolved | None = field(default=None, init=False)
     _n_offered: int = field(default=0, init=False)
@@ -89,9 +90,9 @@ class GenerationLoop:
         """Refine a tree in the scheduled generations, and call `on_refinement` with each record."""
         self._refiner, self._on_refinement = refiner, on_refinement
 
-    def explore_with(self, explorer: Explorer) -> None:
-        """Explore from the hall of fame in the scheduled generations."""
-        self._explorer = explorer
+    def explore_with(self, explorer: Explorer, before_finish: Callable[[], None] = lambda: None) -> None:
+        """Explore from the hall of fame on schedule; call `before_finish` before the last refinement."""
+        self._explorer, self._before_finish = explorer, before_finish
 
     def run(self) -> Evolved:
         """Run until something stops it; Ctrl-C keeps what was found so far.
@@ -187,6 +188,7 @@ class GenerationLoop:
         self._evolved = evolved
         if self._explorer is None or evolved.stopped_by == "interrupt":
             return evolved
+        self._before_finish()
         started = time.perf_counter()
         env_steps = self._explorer.finish(evolved.last.seeds)
         return self._counted(

@@ -173,3 +173,28 @@ def test_a_penalty_on_the_spread_is_in_the_fitness_of_every_generation(route):
     valid = np.isfinite(last.fitness)
     expected = outcomes.returns.mean(axis=1) - outcomes.returns.std(axis=1)
     np.testing.assert_allclose(last.fitness[valid], expected[valid])
+
+
+def test_places_are_taken_by_fitter_genotypes_alone(route):
+    evolved = evolution(route)
+    before = take(evolved, 3)[-1]
+    best, (worst, second_worst) = before.best, np.argsort(before.fitness, kind="stable")[:2]
+    codons, fitness, sizes = before.codons.copy(), before.fitness.copy(), before.decision_nodes.copy()
+    slots, newcomers = np.array([second_worst, best, worst]), codons[[best, worst, best]]
+    after, env_steps = evolved.with_places_taken(before, slots, newcomers)
+    assert env_steps == measure(route, evolved.map(newcomers).forest, before.seeds).env_steps
+    for slot in (second_worst, worst):
+        np.testing.assert_array_equal(after.codons[slot], codons[best])
+        assert (after.fitness[slot], after.decision_nodes[slot]) == (fitness[best], sizes[best])
+    others = ~np.isin(np.arange(30), [worst, second_worst])
+    for name, old in (("codons", codons), ("fitness", fitness), ("decision_nodes", sizes)):
+        np.testing.assert_array_equal(getattr(after, name)[others], old[others])
+        np.testing.assert_array_equal(getattr(before, name), old, "the generation before is not written to")
+
+
+def test_where_nobody_gives_way_it_is_the_very_same_generation(route):
+    evolved = evolution(route)
+    before = evolved.first()
+    after, env_steps = evolved.with_places_taken(before, np.arange(30), before.codons)
+    assert after is before, "as fit is not fitter"
+    assert env_steps == before.env_steps

@@ -1,16 +1,23 @@
+import zlib
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from runs_for_tests import config
+from strategies import trees as any_trees
 
 from ge_torchrl.environments.choose import open_route
+from ge_torchrl.environments.route import Outcomes
 from ge_torchrl.environments.spec import describe
+from ge_torchrl.leader import validation_seeds
 from ge_torchrl.search.champion import POPULATION, REFINEMENT, Contender, choose_champion
-from ge_torchrl.search.hall_of_fame import HallOfFame, leaders_by_size
+from ge_torchrl.search.hall_of_fame import HallOfFame, leaders_by_size, open_hall_of_fame
+from ge_torchrl.seeding import EPISODE_SEEDS
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.simplify import simplify_exact
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
 GOOD = split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1))
@@ -32,10 +39,11 @@ class CountingRoute:
     """A true route that notes how many trees each batch had."""
 
     def __init__(self, route):
-        self.route, self.spec, self.batches = route, route.spec, []
+        self.route, self.spec, self.batches, self.seeds = route, route.spec, [], None
 
     def evaluate(self, forest, seeds):
         self.batches.append(len(forest))
+        self.seeds = seeds
         return self.route.evaluate(forest, seeds)
 
     def count_visits(self, tree, seeds):
@@ -190,3 +198,63 @@ def test_of_each_size_the_first_of_the_fittest_leads(individuals, max_nodes):
         ):
             expected[size] = index
     assert leaders.tolist() == [expected[size] for size in sorted(expected)]
+
+
+class ScriptedRoute:
+    """Gives every tree the same return for ever, as if by chance, and visits all of its nodes."""
+
+    spec = describe("CartPole-v1")
+
+    @staticmethod
+    def return_of(tree):
+        return float(zlib.crc32(tree.structure + tree.threshold.tobytes()) % 50)
+
+    def evaluate(self, forest, seeds):
+        returns = [self.return_of(forest.tree(i)) for i in range(len(forest))]
+        shape = (len(forest), len(seeds))
+        return Outcomes(np.tile(returns, (len(seeds), 1)).T, np.ones(shape, np.int64))
+
+    def count_visits(self, tree, seeds):
+        return np.full(tree.n_nodes, len(seeds))
+
+
+def simple(tree):
+    return simplify_exact(tree, ScriptedRoute.spec.low, ScriptedRoute.spec.high)
+
+
+@given(
+    st.lists(
+        st.lists(any_trees(2, 2, max_leaves=4, thresholds=st.sampled_from([-0.5, 0.1, 0.5])), max_size=6),
+        max_size=6,
+    ),
+    st.integers(1, 3),
+)
+def test_the_best_of_every_structure_and_of_these_the_best_of_every_size_are_kept(offers, keep):
+    """Whatever is offered when."""
+    hall = HallOfFame(ScriptedRoute(), np.arange(2), keep=keep, max_nodes=2)
+    best = {}
+    for offered in offers:
+        hall.offer([contender(tree) for tree in offered])
+        for tree in map(simple, offered):
+            if tree.n_decision_nodes <= 2:
+                of_size = best.setdefault(tree.n_decision_nodes, {})
+                of_size[tree.structure] = max(of_size.get(tree.structure, 0.0), ScriptedRoute.return_of(tree))
+        members = hall.members
+        structures = [member.tree.structure for member in members]
+        assert len(structures) == len(set(structures))
+        kept = [(member.tree.n_decision_nodes, hall.mean_of(member)) for member in members]
+        assert kept == [
+            (size, mean) for size in sorted(best) for mean in sorted(best[size].values(), reverse=True)[:keep]
+        ]
+
+
+def test_the_settings_of_a_run_say_how_many_episodes_trees_and_nodes(route):
+    settings = {"enabled": True, "episodes": 7, "keep": 1, "max_nodes": 1}
+    hall = open_hall_of_fame(config(hall_of_fame=settings), route)
+    assert hall.max_nodes == 1
+    hall.offer([contender(GOOD), contender(POOR), contender(POORER)])
+    assert len(hall.members) == 1
+    assert (route.batches, len(route.seeds)) == ([3], 7)
+    assert set(route.seeds) <= set(EPISODE_SEEDS["validation"])
+    assert not set(route.seeds) & set(validation_seeds(config()))
+    assert open_hall_of_fame(config(hall_of_fame={**settings, "enabled": False}), route) is None

@@ -88,12 +88,75 @@ def test_a_new_test_takes_a_value_that_was_seen_at_its_node():
     assert {t.n_decision_nodes for t in found} == {2}
 
 
-def test_growing_puts_a_decision_and_a_leaf_in_and_leaves_the_rest():
-    for tree in all_edited("grow"):
-        assert tree.n_decision_nodes == 3
-        # Without the new decision the old tree is there again.
-        dropped = {edited("drop", seed, tree) for seed in range(60)}
-        assert TREE in dropped
+def grown(subtree, seen):
+    """Return all that a new decision and a new leaf above a subtree make of it, with thresholds that were seen."""
+    return {
+        split(feature, float(value), *children)
+        for feature in range(2)
+        for value in seen[:, feature]
+        for action in range(3)
+        for children in ((leaf(action), subtree), (subtree, leaf(action)))
+    }
+
+
+def test_growing_puts_a_decision_and_a_leaf_above_a_node_with_a_threshold_seen_there():
+    inner = split(1, -1.0, leaf(0), leaf(1))
+    expected = grown(TREE, OBSERVED)
+    expected |= {split(0, 0.5, above, leaf(2)) for above in grown(inner, OBSERVED[:2])}
+    expected |= {
+        split(0, 0.5, split(1, -1.0, above, leaf(1)), leaf(2)) for above in grown(leaf(0), OBSERVED[:1])
+    }
+    expected |= {
+        split(0, 0.5, split(1, -1.0, leaf(0), above), leaf(2)) for above in grown(leaf(1), OBSERVED[1:2])
+    }
+    expected |= {split(0, 0.5, inner, above) for above in grown(leaf(2), OBSERVED[2:])}
+    # New decisions stand mostly above leaves, so the root's many possibilities need many draws.
+    assert {edited("grow", seed) for seed in range(4000)} == expected
+
+
+def test_a_lone_leaf_grows_into_a_decision():
+    assert {edited("grow", seed, leaf(1)) for seed in range(400)} == grown(leaf(1), OBSERVED)
+
+
+@pytest.fixture
+def noted(monkeypatch):
+    """The kind of every edit, and whether it knew which states come to a node."""
+    notes = []
+
+    def noting(kind, apply):
+        def edit(of):
+            notes.append((kind, of.leaf is not None))
+            return apply(of)
+
+        return edit
+
+    monkeypatch.setattr(edits, "_EDITS", {kind: noting(kind, apply) for kind, apply in edits._EDITS.items()})
+    return notes
+
+
+def neighbours(n, tree=TREE):
+    of, rng = EditedTree.of(tree, OBSERVED), np.random.default_rng(0)
+    return [of.neighbour(np.arange(2), 3, rng) for _ in range(n)]
+
+
+def test_only_the_first_edit_knows_what_was_seen_at_a_node(noted):
+    n = 1000
+    for _ in range(n):
+        before = len(noted)
+        neighbours(1)
+        assert [knows for _, knows in noted[before:]] in ([True], [True, False])
+    neighbours(n)
+    assert len(noted) > n
+
+
+def test_kinds_come_as_often_as_they_should_and_a_second_edit_now_and_then(noted):
+    n = 4000
+    neighbours(n)
+    # Within four standard deviations.
+    assert abs(len(noted) - n - 0.3 * n) <= 4 * np.sqrt(n * 0.3 * 0.7)
+    first = [kind for kind, knows in noted if knows]
+    for kind, share in (("grow", 0.4), ("test_anew", 0.3), ("drop", 0.1), ("relabel", 0.2)):
+        assert abs(first.count(kind) - share * n) <= 4 * np.sqrt(n * share * (1 - share))
 
 
 def test_where_nothing_was_seen_any_state_gives_the_threshold():
