@@ -107,6 +107,17 @@ def test_what_a_refinement_costs_decides_how_much_is_explored(
     assert not config_of(experiment, f"refiner={refiner}", "hall_of_fame=none").hall_of_fame.enabled
 
 
+def test_an_environment_without_a_kernel_gets_smaller_budgets(experiment):
+    fast, slow = (config_of(experiment, f"env={name}") for name in ("acrobot", "lunarlander"))
+    assert fast.hall_of_fame.neighbours > slow.hall_of_fame.neighbours > 0
+    assert fast.hall_of_fame.episodes > slow.hall_of_fame.episodes
+    assert fast.refiner.cmaes.max_timesteps > slow.refiner.cmaes.max_timesteps
+    assert slow.refiner.schedule.every > fast.refiner.schedule.every == 1
+    fast, slow = (config_of(experiment, f"env={name}", "refiner=ppo") for name in ("acrobot", "lunarlander"))
+    assert fast.refiner.acceptance_episodes > slow.refiner.acceptance_episodes > 0
+    assert fast.refiner.ppo.snapshot_episodes > slow.refiner.ppo.snapshot_episodes > 0
+
+
 def test_command_line_has_the_last_word_over_an_experiment(experiment):
     config = config_of(experiment, "experiment=thesis/acrobot", "ge.generations=7", "seed=9")
     assert (config.env.id, config.ge.generations, config.seed) == ("Acrobot-v1", 7, 9)

@@ -195,7 +195,8 @@ class TestExploring:
         explored(tmp_path / "two", threads=2)
         for name in ("history.jsonl", "refinements.jsonl", "hall_of_fame.jsonl"):
             assert without_clock(folder / name) == without_clock(tmp_path / "two" / name)
-        for path in [*(folder / "hall_of_fame").iterdir(), folder / "best_tree_full.json"]:
+        trees = [folder / name for name in ("best_tree.json", "best_tree_full.json")]
+        for path in [*(folder / "hall_of_fame").iterdir(), *trees]:
             assert path.read_bytes() == (tmp_path / "two" / path.relative_to(folder)).read_bytes()
         assert summary.explored > 0
         assert re.search(rf"exploring +{summary.explored} trees refined from the hall of fame", output)

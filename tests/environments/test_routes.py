@@ -1,5 +1,7 @@
 """Law 5, episode by episode: all routes tell one truth, whatever the threads, processes and neighbours."""
 
+import sys
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -269,6 +271,8 @@ def test_jobs_give_their_results_in_their_order_and_their_errors(route):
     together = route.run_jobs([job(tree) for tree in trees])
     assert together == [route.evaluate(Forest.stack([tree]), seeds).returns[0].tolist() for tree in trees]
     assert route.run_jobs([]) == []
+    interval = sys.getswitchinterval()
     with pytest.raises(ValueError, match="a job broke"):
         route.run_jobs([job(trees[0]), broken])
+    assert sys.getswitchinterval() == interval, "Python's threads take turns as they did before"
     route.close()

@@ -99,6 +99,28 @@ def test_an_effort_can_search_nearer_by(route):
     assert np.abs(far.threshold - FAR_THRESHOLD.threshold).max() > 1e-2
 
 
+class NotingRoute:
+    """A true route that notes the number of episodes of each batch."""
+
+    def __init__(self, route):
+        self.route, self.spec, self.episodes = route, route.spec, set()
+
+    def evaluate(self, forest, seeds):
+        self.episodes.add(len(seeds))
+        return self.route.evaluate(forest, seeds)
+
+    def observe(self, tree, n_steps, rng):
+        return self.route.observe(tree, n_steps, rng)
+
+
+def test_every_tree_is_measured_on_so_many_episodes_times_the_factor(route):
+    for effort, episodes in ((FIRST, 3), (Effort(factor=4), 12), (Effort(patience=4), 3)):
+        noting = NotingRoute(route)
+        refiner = CMAESRefiner(noting, CMAESConfig(max_timesteps=3000, episodes=3))
+        refiner.tune([FAR_THRESHOLD], [np.random.default_rng(0)], effort)
+        assert noting.episodes == {episodes}
+
+
 def test_trees_tuned_side_by_side_are_those_tuned_alone_on_the_same_episodes(route):
     trees = [WRONG_LEAVES, FAR_THRESHOLD]
     streams = [np.random.default_rng([7, i]) for i in range(2)]

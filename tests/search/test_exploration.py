@@ -52,6 +52,27 @@ class Moves:
         ]
 
 
+class CountingRoute:
+    """A true route that counts every step in the environment, and notes how many trees each batch had."""
+
+    def __init__(self, route):
+        self.route, self.spec, self.env_steps, self.batches = route, route.spec, 0, []
+
+    def evaluate(self, forest, seeds):
+        outcomes = self.route.evaluate(forest, seeds)
+        self.env_steps += outcomes.env_steps
+        self.batches.append(len(forest))
+        return outcomes
+
+    def count_visits(self, tree, seeds):
+        visits = self.route.count_visits(tree, seeds)
+        self.env_steps += int(visits[0])
+        return visits
+
+    def observe(self, tree, n_steps, rng):
+        return self.route.observe(tree, n_steps, rng)
+
+
 @pytest.fixture(scope="module")
 def evolution():
     route = open_route(describe("CartPole-v1", NAMES, ("",) * 4, ACTIONS), threads=1)
@@ -108,6 +129,46 @@ def test_what_is_refined_is_offered(evolution, hall):
     assert any(member.origin == NEIGHBOUR for member in hall.members)
     assert hall.env_steps > before
     assert explored.env_steps > 8 * 7
+
+
+def test_so_many_neighbours_are_drawn_and_measured(evolution):
+    route = CountingRoute(evolution.route)
+    hall = HallOfFame(route, np.arange(20), keep=3, max_nodes=3)
+    hall.offer([Contender(GOOD, 400.0, POPULATION)])
+    counted = replace(evolution, route=route)
+    for drawn in (1, 37):
+        settings = HallOfFameConfig(enabled=True, neighbours=5, neighbours_drawn=drawn)
+        refined = (
+            Explorer(settings, counted, hall, Moves(), 0, snaps=False).explore(evolution.first()).refined
+        )
+        assert refined <= min(5, drawn)
+        assert drawn in route.batches
+
+
+def test_from_a_tree_of_a_useless_structure_others_are_reached(evolution):
+    """It moves the cart away from under the pole, wherever its threshold is."""
+    useless = split(2, 0.0, leaf(1), leaf(0))
+    for neighbours in (0, 20):
+        hall = HallOfFame(evolution.route, np.arange(20), keep=3, max_nodes=3)
+        hall.offer([Contender(useless, 9.0, POPULATION)])
+        explores, _ = explorer(evolution, hall, neighbours=neighbours)
+        for index in range(3):
+            explores.explore(replace(evolution.first(), index=index))
+        best = max(hall.mean_of(member) for member in hall.members)
+        assert (len(hall.members) > 1) == (best > 20) == (neighbours > 0)
+
+
+@pytest.mark.parametrize("settings", [{"revisits": 2}, {"migrants": 6}, {"revisits": 1, "migrants": 3}])
+def test_every_step_is_counted_once_here_or_by_the_hall_of_fame(evolution, settings):
+    route = CountingRoute(evolution.route)
+    hall = HallOfFame(route, np.arange(20), keep=3, max_nodes=3)
+    hall.offer([Contender(GOOD, 400.0, POPULATION), Contender(POOR, 40.0, POPULATION)])
+    explores, refiner = explorer(replace(evolution, route=route), hall, final_keep=1, **settings)
+    explored = explores.explore(evolution.first())
+    at_the_end = explores.finish(np.arange(5))
+    # The refiner says that it took 7 steps for each tree.
+    claimed = 7 * sum(len(trees) for trees, _ in refiner.asked)
+    assert explored.env_steps + at_the_end + hall.env_steps == route.env_steps + claimed
 
 
 @pytest.mark.parametrize("snaps", [True, False])

@@ -1,6 +1,6 @@
 """Tree -> DDT -> PPO -> tree, with little PPO."""
 
-from dataclasses import replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
@@ -121,3 +121,65 @@ def test_surer_leaves_give_a_soft_tree_that_acts_more_like_the_hard_one(route):
 def test_a_factor_multiplies_the_timesteps(route):
     (tuned,) = PPORefiner(route, LITTLE).tune([WRONG], [np.random.default_rng(0)], Effort(factor=2))
     assert tuned.training.timesteps == 2 * LITTLE.max_timesteps
+
+
+OF_TRAINING = {
+    "max_timesteps": 800,
+    "update_timesteps": 100,
+    "epochs": 5,
+    "clip_epsilon": 0.1,
+    "gamma": 0.5,
+    "gae_lambda": 0.6,
+    "lr_actor": 0.7,
+    "lr_critic": 0.8,
+    "entropy_coeff": 0.3,
+    "critic_coeff": 0.4,
+    "critic_hidden": (8,),
+    "scale_features": True,
+    "alpha_final": 9.0,
+    "lr_thresholds": 0.2,
+    "optimizer": "adam",
+    "minibatch_size": 50,
+    "entropy_final": 0.05,
+}
+OF_THE_TREE = {"alpha": 7.0, "leaf_sd": 0.9, "leaf_scale": 3.0}
+
+
+@pytest.fixture
+def asked(route, monkeypatch):
+    """Return what a refinement with a change asks of softening, of its source, and of training."""
+
+    def asked(**change):
+        said = {}
+
+        def soften(tree, n_actions, **settings):
+            said["soften"] = {name: settings[name] for name in OF_THE_TREE}
+            return original["soften"](tree, n_actions, **settings)
+
+        def open_source(spec, source, rng):
+            said["source"] = source
+            return original["open_source"](spec, source, rng=rng)
+
+        def train(_ddt, _source, settings, **_):
+            said["train"] = asdict(settings)
+            return TrainingRecord()
+
+        for of in (soften, open_source, train):
+            monkeypatch.setattr(ppo_refiner, of.__name__, of)
+        PPORefiner(route, replace(LITTLE, **change)).tune([WRONG], [np.random.default_rng(0)])
+        return said
+
+    original = {name: getattr(ppo_refiner, name) for name in ("soften", "open_source")}
+    return asked
+
+
+def test_every_setting_reaches_what_it_sets_and_nothing_else(asked):
+    plain = asked()
+    for name, value in OF_TRAINING.items():
+        changed = {**plain["train"], {"critic_hidden": "hidden"}.get(name, name): value}
+        assert asked(**{name: value}) == {**plain, "train": changed}
+    for name, value in OF_THE_TREE.items():
+        assert asked(**{name: value}) == {**plain, "soften": {**plain["soften"], name: value}}
+    assert asked(source="fused") == {**plain, "source": "fused"}
+    tested = {*OF_TRAINING, *OF_THE_TREE, "source", "snapshot_episodes"}
+    assert tested == {field.name for field in fields(PPOConfig)}, "snapshots have tests of their own"

@@ -75,6 +75,29 @@ def test_what_is_not_better_comes_back_as_it_was_where_acceptance_asks(
     assert refinement.env_steps > 7
 
 
+class NotingRoute:
+    """A true route that notes the episodes of each batch."""
+
+    def __init__(self, route):
+        self.route, self.spec, self.seeds = route, route.spec, []
+
+    def evaluate(self, forest, seeds):
+        self.seeds.append(seeds.tolist())
+        return self.route.evaluate(forest, seeds)
+
+
+def test_so_many_episodes_accept_and_others_measure(route):
+    noting = NotingRoute(route)
+    config = RefinerConfig(name="test", acceptance_episodes=30, measuring_episodes=10)
+    refinement = refine(Answers(GOOD), noting, BAD, config, 0, "test")
+    accepting, measuring = noting.seeds
+    assert (len(accepting), len(measuring)) == (30, 10)
+    assert not set(accepting) & set(measuring)
+    assert refinement.measuring_seeds.tolist() == measuring
+    refine(Answers(BAD), noting, BAD, config, 0, "test")
+    assert len(noting.seeds) == 3, "a tree that did not change is not asked whether it is better"
+
+
 def test_more_errors_than_any_gain_accept_nothing(route):
     config = RefinerConfig(name="test", acceptance_episodes=30, acceptance_errors=1e6, measuring_episodes=5)
     assert refine(Answers(GOOD), route, BAD, config, 0, "test").tree == BAD
