@@ -239,7 +239,8 @@ def test_the_default_program_loads_no_torch(tmp_path):
     code = (
         "import sys; from ge_torchrl.__main__ import main; "
         f"status = main(['ge.generations=2', 'ge.population_size=20', 'hydra.run.dir={tmp_path}/run', "
-        "'hall_of_fame.neighbours=2', 'hall_of_fame.final_keep=0', 'evaluation.validation_episodes=20']); "
+        "'hall_of_fame.neighbours=2', 'hall_of_fame.final_keep=0', 'hall_of_fame.episodes=20', "
+        "'refiner.cmaes.max_timesteps=20000', 'evaluation.validation_episodes=20']); "
         "sys.exit(status or 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, timeout=120, capture_output=True)

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from ge_torchrl.generations import GenerationLoop
 from ge_torchrl.records import TrainingRecord
 from ge_torchrl.search.champion import REFINEMENT
 from ge_torchrl.search.evolution import Evolution
+from ge_torchrl.search.exploration import Explored
 from ge_torchrl.search.fitness import TrainingEpisodes
 from ge_torchrl.search.hall_of_fame import open_hall_of_fame
 from ge_torchrl.search.refinement import FAILED, IMPROVED, NOT_IMPROVED
@@ -85,12 +87,34 @@ class ScriptedRefiner:
         )
 
 
+class ScriptedExplorer:
+    """Notes what it was asked, marks the generation, and breaks off where the test wrote so."""
+
+    def __init__(self, interrupted_in=()):
+        self.interrupted_in = interrupted_in
+        self.asked = []
+
+    def note(self, what):
+        self.asked.append(what)
+        if what in self.interrupted_in:
+            raise KeyboardInterrupt
+
+    def explore(self, generation):
+        self.note(generation.index)
+        return Explored(replace(generation, n_born=-generation.index), refined=2, env_steps=100)
+
+    def finish(self, seeds):
+        assert len(seeds) == 3
+        self.note("finish")
+        return 30
+
+
 @pytest.fixture
 def run(monkeypatch):
     routes = []
     monkeypatch.setattr(applications, "refine", ScriptedRefiner.refine)
 
-    def run(configured, script, hall=False):
+    def run(configured, script, hall=False, explorer=None):
         planned = plan(configured)
         routes.append(open_route(planned.spec, threads=1))
         episodes = TrainingEpisodes("fixed", 3, stream(0, "training episodes"))
@@ -101,6 +125,8 @@ def run(monkeypatch):
             loop.hall_of_fame = open_hall_of_fame(configured, routes[-1])
         refiner = ScriptedRefiner(script)
         loop.refine_with(refiner, refinements.append)
+        if explorer is not None:
+            loop.explore_with(explorer, lambda: explorer.note("before finish"))
         evolved = loop.run()
         return (evolved, loop.hall_of_fame) if hall else (evolved, generations, refinements, refiner)
 
@@ -239,3 +265,55 @@ def test_simplified_or_whole_is_a_setting(run):
     )
     assert any(simplify_exact(tree, *bounds) != tree for tree in whole)
     assert all(simplify_exact(tree, *bounds) == tree for tree in simple)
+
+
+@pytest.mark.parametrize(("probability", "chosen"), [(1.0, "best"), (0.0, "random")])
+def test_by_its_probability_the_best_tree_is_chosen_or_a_random_one(run, probability, chosen):
+    every = config(best_probability=probability, schedule={"every": 1})
+    _, generations, refinements, _ = run(every, itertools.repeat((NOT_IMPROVED, 30.0)))
+    assert {record.chosen for record in refinements} == {chosen}
+    best = [
+        record.fitness_before == generations[record.generation].best_fitness
+        for record in refinements
+        if record.redraws == 0
+    ]
+    assert len(best) > 5
+    assert all(best) == (chosen == "best")
+
+
+def test_exploring_follows_the_schedule_and_ends_with_a_last_refinement(run):
+    explorer, script = ScriptedExplorer(), [(NOT_IMPROVED, 10.0)] * 3
+    evolved, generations, *_ = run(config(), script, explorer=explorer)
+    assert explorer.asked == [4, 8, 12, "before finish", "finish"]
+    assert [record.explored for record in generations] == [0] * 4 + [2] * 4 + [4] * 4 + [6]
+    assert evolved.explored == 6
+    assert evolved.last.n_born == -12, "the generation that exploring gave back is the one that counts"
+    _, without, *_ = run(config(), script)
+    assert generations[-1].env_steps == without[-1].env_steps + 3 * 100
+    assert evolved.env_steps == generations[-1].env_steps + 30
+    assert evolved.explore_seconds > 0
+
+
+def test_the_steps_of_the_hall_of_fame_count_where_the_search_goes_on_from_it(run):
+    values, script = config().as_mapping(), [(NOT_IMPROVED, 10.0)] * 3
+    keeping = Config.from_mapping({**values, "hall_of_fame": {"enabled": True, "episodes": 20}})
+    without, hall = run(keeping, script, hall=True)
+    assert (without.hall_env_steps, hall.env_steps > 0) == (0, True)
+    explored, hall = run(keeping, script, hall=True, explorer=ScriptedExplorer())
+    assert explored.hall_env_steps == hall.env_steps
+    assert explored.env_steps == without.env_steps + hall.env_steps + 3 * 100 + 30
+
+
+def test_ctrl_c_in_exploring_keeps_the_generation_and_leaves_the_last_refinement(run):
+    explorer = ScriptedExplorer(interrupted_in=[8])
+    evolved, generations, *_ = run(config(), [(NOT_IMPROVED, 10.0)] * 2, explorer=explorer)
+    assert (evolved.stopped_by, evolved.last.index, evolved.explored) == ("interrupt", 8, 2)
+    assert len(generations) == 9
+    assert explorer.asked == [4, 8]
+
+
+def test_ctrl_c_in_the_last_refinement_loses_nothing_before_it(run):
+    explorer = ScriptedExplorer(interrupted_in=["finish"])
+    evolved, generations, *_ = run(config(), [(NOT_IMPROVED, 10.0)] * 3, explorer=explorer)
+    assert (evolved.stopped_by, evolved.last.index, evolved.explored) == ("generations", 12, 6)
+    assert evolved.env_steps == generations[-1].env_steps

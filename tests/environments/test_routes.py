@@ -259,7 +259,7 @@ def test_gymnasium_observes_as_many_steps_as_asked_over_as_many_episodes_as_it_t
     ids=["one_thread", "two_threads", "gymnasium"],
 )
 def test_jobs_give_their_results_in_their_order_and_their_errors(route):
-    seeds = np.arange(3)
+    interval, seeds = sys.getswitchinterval(), np.arange(3)
     trees = [leaf(0), leaf(1), PUBLISHED["CartPole-v1"][0]]
 
     def job(tree):
@@ -271,7 +271,6 @@ def test_jobs_give_their_results_in_their_order_and_their_errors(route):
     together = route.run_jobs([job(tree) for tree in trees])
     assert together == [route.evaluate(Forest.stack([tree]), seeds).returns[0].tolist() for tree in trees]
     assert route.run_jobs([]) == []
-    interval = sys.getswitchinterval()
     with pytest.raises(ValueError, match="a job broke"):
         route.run_jobs([job(trees[0]), broken])
     assert sys.getswitchinterval() == interval, "Python's threads take turns as they did before"

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from runs_for_tests import config
-from strategies import trees as any_trees
 
 from ge_torchrl.environments.choose import open_route
 from ge_torchrl.environments.route import Outcomes
@@ -222,9 +221,26 @@ def simple(tree):
     return simplify_exact(tree, ScriptedRoute.spec.low, ScriptedRoute.spec.high)
 
 
+LEAVES = [leaf(0), leaf(1)]
+ONES = [
+    split(f, value, a, b) for f in range(2) for value in (-0.5, 0.1, 0.5) for a, b in (LEAVES, LEAVES[::-1])
+]
+TWOS = [
+    split(f, 0.3, *children)
+    for f in range(2)
+    for one in ONES
+    for answer in LEAVES
+    for children in ((one, answer), (answer, one))
+]
+
+
+# Of each size many, so that no size has room for all of them.
 @given(
     st.lists(
-        st.lists(any_trees(2, 2, max_leaves=4, thresholds=st.sampled_from([-0.5, 0.1, 0.5])), max_size=6),
+        st.lists(
+            st.sampled_from(LEAVES) | st.sampled_from(ONES) | st.sampled_from(TWOS), min_size=3, max_size=12
+        ),
+        min_size=2,
         max_size=6,
     ),
     st.integers(1, 3),
