@@ -66,7 +66,8 @@ def conclude(
     )
     test_seeds = episode_seeds("test", config.evaluation.test_episodes, stream(config.seed, "test episodes"))
     tested = route.evaluate(Forest.stack([champion.pruned, champion.full]), test_seeds)
-    steps, best_by_size = champion.env_steps + tested.env_steps, []
+    steps = evolved.validation_env_steps + champion.env_steps + tested.env_steps
+    best_by_size: list[HallOfFameRecord] = []
     if hall:
         winners = hall.choose_winners(champion, validation_seeds(config))
         outcomes = route.evaluate(Forest.stack([winner.tree for winner in winners.by_size]), test_seeds)

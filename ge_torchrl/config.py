@@ -44,6 +44,20 @@ class Config:
             if not isinstance(getattr(self, name), section):
                 refuse(self, name, f"a {section.__name__}")
         check_integer(self, "seed", 0, "seeds of random numbers are not negative")
+        self._check_what_is_explored()
+
+    def _check_what_is_explored(self) -> None:
+        """Refuse exploring where it would silently be left out."""
+        if self.refiner.enabled and self.hall_of_fame.enabled:
+            return
+        because = (
+            "nothing is kept with hall_of_fame.enabled=false (hall_of_fame=none sets both)"
+            if self.refiner.enabled
+            else "nothing refines trees with refiner=none (hall_of_fame=kept or none explores nothing)"
+        )
+        for name in ("neighbours", "revisits", "final_keep", "migrants"):
+            if getattr(self.hall_of_fame, name) > 0:
+                refuse(self.hall_of_fame, name, "0", because)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "Config":

@@ -36,6 +36,8 @@ class Evolved:
         explore_seconds: Clock time of exploring.
         hall_env_steps: Environment steps of the hall of fame that `env_steps` includes: all where evolution profits
             from it, else none.
+        validation_env_steps: Environment steps of asking validation whether the task is solved, which `env_steps`
+            does not include.
         seconds: Clock time of everything.
     """
 
@@ -50,6 +52,7 @@ class Evolved:
     explored: int
     explore_seconds: float
     hall_env_steps: int
+    validation_env_steps: int
     seconds: float
 
     @property
@@ -111,6 +114,7 @@ class GenerationLoop:
                 interrupted = interrupted or self._explore(self._evolved.last)
                 evolved = self._counted(self._evolved)
                 observer.observe(evolved.last, evolved.refined)
+                evolved = replace(evolved, validation_env_steps=observer.env_steps)
                 self.on_generation(_record(evolved, observer.decision_nodes))
                 self._evolved = evolved
                 reason = (
@@ -141,6 +145,7 @@ class GenerationLoop:
             explored=before.explored if before else 0,
             explore_seconds=before.explore_seconds if before else 0.0,
             hall_env_steps=before.hall_env_steps if before else 0,
+            validation_env_steps=before.validation_env_steps if before else 0,
             seconds=time.perf_counter() - self._started,
         )
 

@@ -21,11 +21,18 @@ def validation_seeds(config: Config) -> np.ndarray[tuple[int], np.dtype[np.int64
 
 
 class LeaderObserver:
-    """Looks at the fittest tree of each generation, and only when it is another one than before."""
+    """Looks at the fittest tree of each generation, and only when it is another one than before.
+
+    Attributes:
+        decision_nodes: Size of the fittest tree; None before there is one.
+        solved: Whether a tree has solved the task on validation; asked only with `ge.stop_when_solved`.
+        env_steps: Environment steps of asking.
+    """
 
     def __init__(self, config: Config, evolution: Evolution) -> None:
         self.decision_nodes: int | None = None
         self.solved = False
+        self.env_steps = 0
         self._evolution = evolution
         self._spec = evolution.route.spec
         self._codons: np.ndarray[tuple[int], np.dtype[np.int32]] | None = None
@@ -51,4 +58,5 @@ class LeaderObserver:
         # Few training episodes say "solved" too easily: the validation episodes have to agree.
         if self._validation_seeds is not None and self._spec.is_solved(fitness):
             validated = measure(self._evolution.route, Forest.stack([tree]), self._validation_seeds)
+            self.env_steps += validated.env_steps
             self.solved = self.solved or self._spec.is_solved(float(validated.fitness[0]))

@@ -137,7 +137,7 @@ class PPOConfig:
 
 @dataclass(frozen=True)
 class CMAESConfig:
-    """Refinement of one tree without gradients: its leaves one by one, then its thresholds by CMA-ES.
+    """Refinement of one tree without gradients: its leaves one by one, then its thresholds, at last by CMA-ES.
 
     Attributes:
         max_timesteps: Environment steps of one refinement.
@@ -145,6 +145,10 @@ class CMAESConfig:
             runs of one seed differ.
         episodes: Episodes that each tree is measured on.
         first_step: Standard deviation of the first moves of thresholds, in units of their features' spread.
+        moves: Moves of each threshold by itself that are tried before CMA-ES moves all together, and tried again for
+            as long as one makes the tree better; 0 leaves them to CMA-ES.
+        screening_episodes: The first so many of the episodes tell which of these moves are worth the others; 0
+            measures all moves on all episodes.
     """
 
     SECTION: ClassVar[str] = "refiner.cmaes"
@@ -153,12 +157,16 @@ class CMAESConfig:
     max_seconds: float | None = None
     episodes: int = 5
     first_step: float = 0.3
+    moves: int = 0
+    screening_episodes: int = 0
 
     def __post_init__(self) -> None:
         check_integer(self, "max_timesteps", 1, "trees are measured by their steps in the environment")
         check_number(self, "max_seconds", above=0.0, optional=True)
         check_integer(self, "episodes", 1, "a return is a mean over episodes")
         check_number(self, "first_step", above=0.0)
+        check_integer(self, "moves", 0, "it counts trees; 0 leaves thresholds to CMA-ES")
+        check_integer(self, "screening_episodes", 0, "it counts episodes; 0 takes all")
 
 
 @dataclass(frozen=True)

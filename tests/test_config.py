@@ -409,3 +409,28 @@ def test_settings_beyond_the_thesis_are_checked(values, message):
 def test_settings_of_the_hall_of_fame_are_checked(key, value, message):
     with pytest.raises(ConfigError, match=message):
         Config.from_mapping({**VALUES, "hall_of_fame": {key: value}})
+
+
+@pytest.mark.parametrize("key", ["neighbours", "revisits", "final_keep", "migrants"])
+@pytest.mark.parametrize(
+    ("refiner", "enabled", "message"),
+    [("none", True, "nothing refines trees"), ("cmaes", False, "nothing is kept")],
+)
+def test_exploring_that_would_silently_be_left_out_is_refused(key, refiner, enabled, message):
+    values = {**VALUES, "refiner": {"name": refiner}, "hall_of_fame": {"enabled": enabled, key: 1}}
+    with pytest.raises(ConfigError, match=rf"hall_of_fame\.{key} must be 0, because {message}.*; got 1"):
+        Config.from_mapping(values)
+    Config.from_mapping({**values, "hall_of_fame": {"enabled": enabled, key: 0}})
+    Config.from_mapping({**values, "refiner": {"name": "cmaes"}, "hall_of_fame": {"enabled": True, key: 1}})
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("moves", -1, "refiner.cmaes.moves must be an integer of at least 0"),
+        ("screening_episodes", -1, "refiner.cmaes.screening_episodes must be an integer of at least 0"),
+    ],
+)
+def test_settings_of_refinement_without_gradients_are_checked(key, value, message):
+    with pytest.raises(ConfigError, match=message):
+        Config.from_mapping({**VALUES, "refiner": {"cmaes": {key: value}}})

@@ -136,6 +136,11 @@ def test_stop_when_solved_asks_the_validation_episodes(tmp_path):
     assert summary.stopped_by == "solved"
     assert summary.generations < 100
     assert summary.validation_mean >= 30
+    # The champion is validated and tested anyway; that it was asked before comes on top.
+    at_least = easy.evaluation.validation_episodes * 30
+    never, _ = run(config(ge={"generations": summary.generations}), tmp_path / "never")
+    assert summary.env_steps == never.env_steps
+    assert summary.env_steps_total >= never.env_steps_total + at_least
 
 
 def test_ctrl_c_keeps_what_was_found(tmp_path, monkeypatch):

@@ -197,8 +197,12 @@ def test_a_refined_tree_stops_the_run_if_validation_agrees_that_it_solves(run, r
             "ge": {**values["ge"], "stop_when_solved": True},
         }
     )
-    evolved, *_ = run(stopping, [(IMPROVED, 500.0, refined)])
+    evolved, generations, *_ = run(stopping, [(IMPROVED, 500.0, refined)])
     assert evolved.stopped_by == stopped_by
+    # Ten validation episodes, in which the good tree stands for 500 steps and the other falls after ten.
+    assert 80 < evolved.validation_env_steps <= 5000
+    assert (evolved.validation_env_steps > 4900) == (stopped_by == "solved")
+    assert evolved.env_steps == generations[-1].env_steps, "asking is no part of the search"
 
 
 def test_the_hall_of_fame_is_offered_the_leaders_and_the_improved_trees_alone(run):

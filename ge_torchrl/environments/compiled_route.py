@@ -132,8 +132,9 @@ class CompiledRoute:
         probabilities = np.zeros((tree.n_nodes, self.spec.n_actions))
         leaves = np.flatnonzero(tree.is_leaf)
         probabilities[leaves, tree.action[leaves]] = 1.0
-        # So steep a decision is the hard one, except exactly at its threshold.
-        steep = np.full(tree.n_nodes, 1e12)
+        # So steep a decision is the hard one; exactly at the threshold the weight of the left branch is no number, no
+        # draw is below it, and the observation goes right, as in the hard tree.
+        steep = np.full(tree.n_nodes, np.inf)
         soft = SoftTree(
             tree.feature, tree.threshold, tree.children_left, tree.children_right, probabilities, steep
         )

@@ -125,7 +125,7 @@ class Explorer:
         """
         if self._config.neighbours == 0:
             return [], 0
-        drawn = self._draw(rng)
+        drawn, env_steps = self._draw(rng)
         sizes = drawn.sizes // 2
         structures: dict[bytes, list[int]] = {}
         for i in np.flatnonzero((sizes > 0) & (sizes <= self._hall.max_nodes)):
@@ -134,7 +134,7 @@ class Explorer:
             if structure not in self._tried:
                 structures.setdefault(structure, []).append(int(i))
         if not structures:
-            return [], 0
+            return [], env_steps
         measured = self._evolution.measure(drawn, seeds)
         fitness = measured.fitness
         best = np.array([max(alike, key=lambda i: fitness[i]) for alike in structures.values()])
@@ -147,13 +147,18 @@ class Explorer:
             if len(trees) == self._config.neighbours:
                 break
         self._tried.update(tree.structure for tree in trees)
-        return trees, measured.env_steps
+        return trees, env_steps + measured.env_steps
 
-    def _draw(self, rng: np.random.Generator) -> Forest:
-        """Return the simplified neighbours of kept trees that small tournaments, every second one of one, choose."""
+    def _draw(self, rng: np.random.Generator) -> tuple[Forest, int]:
+        """Draw neighbours of kept trees that small tournaments, every second one of one, choose.
+
+        Returns:
+            The neighbours, simplified, and the environment steps of observing what new trees see.
+        """
         spec, members = self._evolution.route.spec, self._hall.members
         means = np.array([self._hall.mean_of(member) for member in members])
         known = self._edited
+        env_steps = _OBSERVED * sum(member.tree not in known for member in members)
         self._edited = {
             member.tree: known.get(member.tree)
             or EditedTree.of(member.tree, self._evolution.route.observe(member.tree, _OBSERVED, rng))
@@ -170,7 +175,7 @@ class Explorer:
             np.concatenate([tree.threshold for tree in nodes]),
             np.concatenate([tree.action for tree in nodes]),
         )
-        return simplify_forest(forest, spec.low, spec.high)
+        return simplify_forest(forest, spec.low, spec.high), env_steps
 
     def _some_members(self, rng: np.random.Generator) -> list[DecisionTree]:
         trees = [member.tree for member in self._hall.members if member.tree.n_decision_nodes > 0]

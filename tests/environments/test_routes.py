@@ -238,6 +238,18 @@ def test_what_a_tree_observes_is_its_episodes_step_by_step(environment_id):
         observation, *_ = environment.step(int(tree.decide([observation])[0]))
 
 
+@pytest.mark.parametrize("make", [CompiledRoute, GymnasiumRoute])
+def test_exactly_at_a_threshold_a_tree_goes_right_when_observed_too(make):
+    """Every episode of MountainCar begins at rest, where this tree pushes to the right."""
+    route = make(describe("MountainCar-v0"))
+    observed = route.observe(split(1, 0.0, leaf(0), leaf(2)), 3000, np.random.default_rng(3))
+    route.close()
+    at_rest = np.flatnonzero(observed[:-1, 1] == 0.0)
+    assert len(at_rest) > 10
+    pushed_right = 0.001 - 0.0025 * np.cos(3 * observed[at_rest, 0])
+    np.testing.assert_allclose(observed[at_rest + 1, 1], pushed_right, atol=1e-6)
+
+
 def test_gymnasium_observes_as_many_steps_as_asked_over_as_many_episodes_as_it_takes():
     route = GymnasiumRoute(describe("CartPole-v1"), workers=1)
     observed = route.observe(leaf(0), 40, np.random.default_rng(0))

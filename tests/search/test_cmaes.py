@@ -90,6 +90,22 @@ def test_a_larger_first_step_moves_thresholds_farther(route):
     assert near.largest_threshold_move < 1e-4 < far.largest_threshold_move
 
 
+def test_each_threshold_is_moved_by_itself_where_that_is_asked_for(route):
+    """The first steps of CMA-ES are too short to bring the far threshold home; single moves have all lengths."""
+    alone, with_moves = (
+        refined(route, FAR_THRESHOLD, max_timesteps=100_000, first_step=1e-6, moves=moves) for moves in (0, 8)
+    )
+    assert alone.largest_threshold_move < 1e-4
+    assert with_moves.largest_threshold_move > 1e-2
+    assert with_moves.return_after > alone.return_after
+
+
+def test_moves_keep_to_the_budget_in_steps(route):
+    for budget in (5_000, 30_000):
+        taken = refined(route, FAR_THRESHOLD, max_timesteps=budget, moves=8, screening_episodes=2).training
+        assert budget <= taken.timesteps <= budget + 11 * 5 * 500 + 500
+
+
 def test_an_effort_can_search_nearer_by(route):
     near, far = (
         CMAESRefiner(route, CONFIG).tune([FAR_THRESHOLD], [np.random.default_rng(0)], effort)[0].tree
@@ -100,16 +116,21 @@ def test_an_effort_can_search_nearer_by(route):
 
 
 class NotingRoute:
-    """A true route that notes the number of episodes of each batch."""
+    """A true route that notes the trees and episodes of each batch, and counts every step."""
 
     def __init__(self, route):
-        self.route, self.spec, self.episodes = route, route.spec, set()
+        self.route, self.spec, self.env_steps = route, route.spec, 0
+        self.episodes, self.batches = set(), []
 
     def evaluate(self, forest, seeds):
         self.episodes.add(len(seeds))
-        return self.route.evaluate(forest, seeds)
+        self.batches.append((len(forest), len(seeds)))
+        outcomes = self.route.evaluate(forest, seeds)
+        self.env_steps += outcomes.env_steps
+        return outcomes
 
     def observe(self, tree, n_steps, rng):
+        self.env_steps += n_steps
         return self.route.observe(tree, n_steps, rng)
 
 
@@ -119,6 +140,21 @@ def test_every_tree_is_measured_on_so_many_episodes_times_the_factor(route):
         refiner = CMAESRefiner(noting, CMAESConfig(max_timesteps=3000, episodes=3))
         refiner.tune([FAR_THRESHOLD], [np.random.default_rng(0)], effort)
         assert noting.episodes == {episodes}
+
+
+def test_moves_are_screened_on_the_first_episodes_and_three_of_them_measured_on_all(route):
+    for screening, effort, batches in (
+        (2, FIRST, {(8, 2), (3, 6)}),
+        (2, Effort(factor=2), {(8, 4), (3, 12)}),
+        (0, FIRST, {(8, 6)}),
+        (6, FIRST, {(8, 6)}),
+    ):
+        noting = NotingRoute(route)
+        config = CMAESConfig(max_timesteps=20_000, episodes=6, moves=8, screening_episodes=screening)
+        (tuned,) = CMAESRefiner(noting, config).tune([FAR_THRESHOLD], [np.random.default_rng(0)], effort)
+        assert tuned.env_steps == noting.env_steps
+        # Those of one tree are the leaves', and the rounds of CMA-ES have six.
+        assert {batch for batch in noting.batches if batch[0] not in (1, 6)} == batches
 
 
 def test_trees_tuned_side_by_side_are_those_tuned_alone_on_the_same_episodes(route):

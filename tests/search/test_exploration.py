@@ -70,6 +70,7 @@ class CountingRoute:
         return visits
 
     def observe(self, tree, n_steps, rng):
+        self.env_steps += n_steps
         return self.route.observe(tree, n_steps, rng)
 
 
@@ -158,17 +159,31 @@ def test_from_a_tree_of_a_useless_structure_others_are_reached(evolution):
         assert (len(hall.members) > 1) == (best > 20) == (neighbours > 0)
 
 
-@pytest.mark.parametrize("settings", [{"revisits": 2}, {"migrants": 6}, {"revisits": 1, "migrants": 3}])
+@pytest.mark.parametrize(
+    "settings",
+    [{"neighbours": 8}, {"revisits": 2}, {"migrants": 6}, {"neighbours": 3, "revisits": 1, "migrants": 3}],
+)
 def test_every_step_is_counted_once_here_or_by_the_hall_of_fame(evolution, settings):
     route = CountingRoute(evolution.route)
     hall = HallOfFame(route, np.arange(20), keep=3, max_nodes=3)
     hall.offer([Contender(GOOD, 400.0, POPULATION), Contender(POOR, 40.0, POPULATION)])
     explores, refiner = explorer(replace(evolution, route=route), hall, final_keep=1, **settings)
     explored = explores.explore(evolution.first())
+    again = explores.explore(replace(explored.generation, index=1)).env_steps
     at_the_end = explores.finish(np.arange(5))
     # The refiner says that it took 7 steps for each tree.
     claimed = 7 * sum(len(trees) for trees, _ in refiner.asked)
-    assert explored.env_steps + at_the_end + hall.env_steps == route.env_steps + claimed
+    assert explored.env_steps + again + at_the_end + hall.env_steps == route.env_steps + claimed
+
+
+def test_observing_counts_even_where_no_neighbour_is_new(evolution):
+    route = CountingRoute(evolution.route)
+    hall = HallOfFame(route, np.arange(20), keep=3, max_nodes=0)
+    hall.offer([Contender(leaf(0), 9.0, POPULATION)])
+    explores, _ = explorer(replace(evolution, route=route), hall, neighbours=3)
+    explored = explores.explore(evolution.first())
+    assert explored.refined == 0
+    assert explored.env_steps + hall.env_steps == route.env_steps
 
 
 @pytest.mark.parametrize("snaps", [True, False])
