@@ -97,7 +97,6 @@ class _Trial:
         self.env_steps = self.rounds = 0
         self._measure([tree])
 
-    @property
     def _is_over(self) -> bool:
         if self._deadline < math.inf:
             return time.perf_counter() >= self._deadline
@@ -120,20 +119,20 @@ class _Trial:
     def tune_leaves(self) -> None:
         """Give each leaf in turn its best action, the other leaves as they then are."""
         for leaf in np.flatnonzero(self.best.is_leaf):
-            if self._is_over:
+            if self._is_over():
                 return
             self._measure(list(_with_other_actions(self.best, int(leaf), self._route.spec.n_actions)))
 
     def tune_each_threshold(self, rng: np.random.Generator) -> None:
         """Move one threshold after the other until no move makes the tree better or the budget is spent."""
         decisions = np.flatnonzero(~self.best.is_leaf)
-        if self._moves == 0 or len(decisions) == 0 or self._is_over:
+        if self._moves == 0 or len(decisions) == 0 or self._is_over():
             return
         spread, before = self._spread_of_features(rng), -math.inf
         while self.fitness > before:
             before = self.fitness
             for node in rng.permutation(decisions):
-                if self._is_over:
+                if self._is_over():
                     return
                 self._measure(self._promising_moves(int(node), spread, rng))
 
@@ -162,7 +161,7 @@ class _Trial:
         """Move all thresholds together by CMA-ES until the budget is spent or it has converged."""
         tree = self.best
         decisions = np.flatnonzero(~tree.is_leaf)
-        if len(decisions) == 0 or self._is_over:
+        if len(decisions) == 0 or self._is_over():
             return
         spread = self._spread_of_features(rng)[tree.feature[decisions]]
         # pycma has no one-dimensional form: a lone threshold gets an idle companion.
@@ -179,7 +178,7 @@ class _Trial:
         )
         # A float32 that a wild step would overflow stays a number.
         limit = np.finfo(np.float32).max
-        while not self._is_over and not strategy.stop():
+        while not self._is_over() and not strategy.stop():
             points = strategy.ask()
             thresholds = np.tile(tree.threshold, (len(points), 1))
             moves = spread * np.array(points)[:, : len(decisions)]

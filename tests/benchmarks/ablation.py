@@ -41,12 +41,22 @@ VARIANTS = {
     "hall of fame only keeps": ["hall_of_fame=kept"],
     "no refinement at all (GE alone)": ["refiner=none"],
 }
+# Parts that one environment's settings alone have.
+ALSO = {
+    "acrobot": {
+        "no thresholds moved one by one": ["refiner.cmaes.moves=0"],
+        "40 episodes a refinement, not 400": [
+            "refiner.cmaes.episodes=40",
+            "refiner.cmaes.screening_episodes=0",
+        ],
+    }
+}
 ENVIRONMENTS = ("cartpole", "acrobot", "mountaincar")
 
 
 def run(folder: Path, environment: str, variant: str, seeds: str) -> None:
     """Run one variant of one environment."""
-    overrides = [text.replace("${env}", environment) for text in VARIANTS[variant]]
+    overrides = [text.replace("${env}", environment) for text in _variants(environment)[variant]]
     short = SHORT if variant != "hall of fame only keeps" else [key for key in SHORT if "hall" not in key]
     status = main(
         [
@@ -68,7 +78,7 @@ def table(folder: Path, environment: str) -> str:
     rng = np.random.default_rng(0)
     found = {
         variant: read_runs(folder / environment / _slug(variant)).runs
-        for variant in VARIANTS
+        for variant in _variants(environment)
         if (folder / environment / _slug(variant)).exists()
     }
     default = {run.seed: run.summary.test_mean for run in found[DEFAULT]}
@@ -91,6 +101,10 @@ def table(folder: Path, environment: str) -> str:
     return f"**{found[DEFAULT][0].environment}**\n\n{markdown(head, rows)}"
 
 
+def _variants(environment: str) -> dict[str, list[str]]:
+    return VARIANTS | ALSO.get(environment, {})
+
+
 def _slug(variant: str) -> str:
     return "".join(letter if letter.isalnum() else "-" for letter in variant)
 
@@ -103,6 +117,6 @@ if __name__ == "__main__":
     parser.add_argument("--table", action="store_true", help="run nothing")
     options = parser.parse_args()
     for environment in options.environments:
-        for variant in () if options.table else VARIANTS:
+        for variant in () if options.table else _variants(environment):
             run(options.folder, environment, variant, options.seeds)
         print(table(options.folder, environment), flush=True)

@@ -76,9 +76,9 @@ def variants_of(environment):
 
     return {
         "PPO, refiner=ppo": refiner,
-        "features not scaled, alpha 1000": of(scale_features=False, alpha=1000.0, alpha_final=None),
-        "alpha not annealed (50 throughout)": of(alpha=50.0, alpha_final=None),
-        "alpha not annealed (5 throughout)": of(alpha_final=None),
+        "features not scaled, alpha 1000": of(scale_features=False, alpha=1000.0),
+        "alpha 50 instead of 5": of(alpha=50.0),
+        "alpha annealed from 5 to 50": of(alpha_final=50.0),
         "leaves of Eq. 3 (leaf_scale 1)": of(leaf_scale=1.0),
         "learning rate 0.001, as in the thesis": of(lr_actor=0.001),
         "RMSprop": of(optimizer="rmsprop"),
