@@ -140,7 +140,7 @@ def _planned_refinements(config: Config) -> float:
 def _explores(config: Config) -> bool:
     """Tell whether trees will be refined in exploring from the hall of fame."""
     hall = config.hall_of_fame
-    return config.refiner.enabled and hall.enabled and hall.neighbours + hall.revisits > 0
+    return hall.neighbours + hall.revisits > 0
 
 
 def _best(record: GenerationRecord) -> float | None:
