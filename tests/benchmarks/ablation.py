@@ -41,6 +41,8 @@ VARIANTS = {
     "hall of fame only keeps": ["hall_of_fame=kept"],
     "no refinement at all (GE alone)": ["refiner=none"],
 }
+# Here the settings of exploring would be refused.
+EXPLORE_NOTHING = ("hall of fame only keeps", "no refinement at all (GE alone)")
 # Parts that one environment's settings alone have.
 ALSO = {
     "acrobot": {
@@ -57,7 +59,7 @@ ENVIRONMENTS = ("cartpole", "acrobot", "mountaincar")
 def run(folder: Path, environment: str, variant: str, seeds: str) -> None:
     """Run one variant of one environment."""
     overrides = [text.replace("${env}", environment) for text in _variants(environment)[variant]]
-    short = SHORT if variant != "hall of fame only keeps" else [key for key in SHORT if "hall" not in key]
+    short = SHORT if variant not in EXPLORE_NOTHING else [key for key in SHORT if "hall" not in key]
     status = main(
         [
             "-m",
