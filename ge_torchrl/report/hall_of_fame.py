@@ -83,6 +83,8 @@ def hall_of_fame_table(runs: Sequence[Run]) -> str:
 def size_figure(methods: Mapping[str, Sequence[Run]], *, title: str, solved_at: float | None) -> Figure:
     """Draw the test mean of the best trees against their size: a dot a run, a line through the medians.
 
+    A lone leaf is left out where there are trees: it returns so little that they would all look the same.
+
     Args:
         methods: For each method, in the order of drawing, its runs.
         title: Stands above the figure.
@@ -96,10 +98,12 @@ def size_figure(methods: Mapping[str, Sequence[Run]], *, title: str, solved_at: 
     axes = figure.add_subplot()
     if solved_at is not None:
         axes.axhline(solved_at, color=GREY, linestyle="--", linewidth=1, label=f"solved from {solved_at:g}")
-    sizes = set()
-    for i, (method, runs) in enumerate(methods.items()):
-        rows, colour = by_size(runs), RUN_COLOURS[i % len(RUN_COLOURS)]
-        sizes |= {row.decision_nodes for row in rows}
+    rows_of = {method: by_size(runs) for method, runs in methods.items()}
+    sizes = {row.decision_nodes for rows in rows_of.values() for row in rows}
+    sizes = sizes - {0} or sizes
+    for i, (method, all_rows) in enumerate(rows_of.items()):
+        colour = RUN_COLOURS[i % len(RUN_COLOURS)]
+        rows = [row for row in all_rows if row.decision_nodes in sizes]
         for row in rows:
             at = [row.decision_nodes] * len(row.test_means)
             axes.plot(at, row.test_means, color=colour, marker="o", markersize=3, alpha=0.5, linestyle="none")
@@ -109,5 +113,5 @@ def size_figure(methods: Mapping[str, Sequence[Run]], *, title: str, solved_at: 
     axes.set(xlabel="decision nodes", ylabel="test mean")
     axes.set_xticks(sorted(sizes))
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, loc="lower right")
+    axes.legend(frameon=False, loc="best")
     return figure

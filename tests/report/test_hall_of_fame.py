@@ -63,6 +63,25 @@ def test_figure_has_a_dot_for_each_tree_and_a_line_of_medians(runs):
     assert (list(line.get_xdata()), list(line.get_ydata())) == ([1, 2, 5], [110.0, 485.0, 500.0])
 
 
+def test_a_lone_leaf_does_not_flatten_the_trees_in_the_figure(tmp_path):
+    """It acts always alike, and returns so little that all trees would look the same."""
+    halls = ([honoured(0, -500.0), honoured(1, -84.0)], [honoured(0, -500.0)])
+    runs = [
+        read_run(write_run(tmp_path / str(seed), seed=seed, decision_nodes=1, hall_of_fame=hall))
+        for seed, hall in enumerate(halls)
+    ]
+    sizes = [
+        {
+            x
+            for line in size_figure({"GE": some}, title="", solved_at=None).axes[0].lines
+            for x in line.get_xdata()
+        }
+        for some in (runs, runs[1:])
+    ]
+    assert sizes == [{1}, {0}], "where there is nothing else it is shown"
+    assert [row.decision_nodes for row in by_size(runs)] == [0, 1], "the table has it"
+
+
 def test_report_shows_table_and_figure_where_a_run_has_a_hall_of_fame(runs, tmp_path):
     text = write_report(tmp_path / "sweep", None, tmp_path / "out").read_text()
     assert hall_of_fame_table(runs) in text
