@@ -23,7 +23,7 @@ from ge_torchrl.search.refinement import FIRST, Effort, RefinesTrees
 from ge_torchrl.sections import HallOfFameConfig
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.decision_tree import DecisionTree
-from ge_torchrl.trees.edits import EditedTree
+from ge_torchrl.trees.edits import EditedTree, stacked
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import simplify_forest
 
@@ -169,13 +169,7 @@ class Explorer:
             entrants = rng.integers(len(members), size=int(rng.integers(1, 3)))
             parent = members[entrants[np.argmax(means[entrants])]].tree
             nodes.append(self._edited[parent].neighbour(self._features, spec.n_actions, rng))
-        forest = Forest.depth_first(
-            [len(tree) for tree in nodes],
-            np.concatenate([tree.feature for tree in nodes]),
-            np.concatenate([tree.threshold for tree in nodes]),
-            np.concatenate([tree.action for tree in nodes]),
-        )
-        return simplify_forest(forest, spec.low, spec.high), env_steps
+        return simplify_forest(stacked(nodes), spec.low, spec.high), env_steps
 
     def _some_members(self, rng: np.random.Generator) -> list[DecisionTree]:
         trees = [member.tree for member in self._hall.members if member.tree.n_decision_nodes > 0]

@@ -6,13 +6,14 @@ too, but behind the codon that changed it mostly gives another tree ("ripple"); 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.trees.decision_tree import DecisionTree, FloatArray, IntArray
+from ge_torchrl.trees.forest import Forest
 
 # Growing is the likeliest, since the other edits keep trees small. Chosen on MountainCar and Acrobot.
 _PROBABILITIES = {"grow": 0.4, "test_anew": 0.3, "drop": 0.1, "relabel": 0.2}
@@ -159,6 +160,16 @@ _EDITS: dict[str, Callable[[_Edit], Nodes]] = {
     "relabel": _relabel,
 }
 _CUMULATIVE = np.cumsum([_PROBABILITIES[name] for name in _EDITS])[:-1]
+
+
+def stacked(trees: Sequence[Nodes]) -> Forest:
+    """Return trees, each as its nodes in depth-first order, as one forest."""
+    return Forest.depth_first(
+        [len(tree) for tree in trees],
+        np.concatenate([tree.feature for tree in trees]),
+        np.concatenate([tree.threshold for tree in trees]),
+        np.concatenate([tree.action for tree in trees]),
+    )
 
 
 def _node(feature: int, threshold: float, action: int) -> Nodes:

@@ -25,7 +25,7 @@ from ge_torchrl.report.statistics import bootstrap_interval
 from ge_torchrl.report.tables import markdown
 from ge_torchrl.search.cmaes import CMAESRefiner
 from ge_torchrl.seeding import stream
-from ge_torchrl.trees.edits import EditedTree
+from ge_torchrl.trees.edits import EditedTree, stacked
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import simplify_forest
 
@@ -36,7 +36,7 @@ UNSEEN = np.arange(2_000_000, 2_005_000)
 
 
 def variants():
-    """Return a name and settings for each; no budget in steps ends the moves early."""
+    """Return a name and settings for each: CMA-ES alone, moves on all episodes, and moves that are screened."""
     found = {}
     for episodes in (40, 100, 400):
         for first_step in (0.5, 0.02):
@@ -59,12 +59,7 @@ def neighbours_of(kept, features, route, rng):
     edited = EditedTree.of(kept, route.observe(kept, 500, rng))
     nodes = [edited.neighbour(features, route.spec.n_actions, rng) for _ in range(DRAWN)]
     forest = simplify_forest(
-        Forest.depth_first(
-            [len(tree) for tree in nodes],
-            np.concatenate([tree.feature for tree in nodes]),
-            np.concatenate([tree.threshold for tree in nodes]),
-            np.concatenate([tree.action for tree in nodes]),
-        ),
+        stacked(nodes),
         route.spec.low,
         route.spec.high,
     )
