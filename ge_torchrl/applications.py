@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ge_torchrl.config import Config
 from ge_torchrl.records import RefinementRecord
-from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidates
+from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidates, choose_of_each_size
 from ge_torchrl.search.champion import REFINEMENT, Contender
 from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.fitness import measure
@@ -42,7 +43,12 @@ class Applied:
 
 
 def apply(
-    refiner: RefinesTrees, config: Config, evolution: Evolution, generation: Generation, best: float
+    refiner: RefinesTrees,
+    config: Config,
+    evolution: Evolution,
+    generation: Generation,
+    best: float,
+    times_refined: Counter[bytes],
 ) -> Iterator[Applied]:
     """Refine as many trees of a generation as the configuration says, one after another.
 
@@ -54,6 +60,7 @@ def apply(
         evolution: Maps genotypes and measures trees.
         generation: The generation as it was selected.
         best: The best return or fitness that the run has seen.
+        times_refined: How often each structure was refined before; what is refined here is counted in.
 
     Yields:
         What happened to each tree, as soon as it did.
@@ -61,14 +68,7 @@ def apply(
     forest = evolution.map(generation.codons).forest
     if config.refiner.simplify:
         forest = simplify_forest(forest, evolution.route.spec.low, evolution.route.spec.high)
-    candidates = choose_candidates(
-        generation.fitness,
-        forest.sizes,
-        Eligibility(evolution.route.spec.solved_at, config.env.lowest_fitness_excluded),
-        config.refiner.best_probability,
-        config.refiner.candidates,
-        stream(config.seed, f"candidate in generation {generation.index}"),
-    )
+    candidates = _candidates(config, evolution, generation, forest, times_refined)
     chance = stream(config.seed, f"chance of refinement in generation {generation.index}")
     for attempt, candidate in enumerate(candidates):
         if chance.random() >= config.refiner.probability:
@@ -77,12 +77,34 @@ def apply(
             yield Applied(RefinementRecord(generation.index, "skipped", candidate.redraws), generation)
             continue
         tree = forest.tree(candidate.individual)
+        times_refined[tree.structure] += 1
         name = stream_name(generation.index, attempt)
         refinement = refine(refiner, evolution.route, tree, config.refiner, config.seed, name)
         applied = _settle(config, evolution, generation, candidate, tree, refinement, best)
         generation = applied.generation
         best = max([best, *(contender.fitness for contender in applied.refined)])
         yield applied
+
+
+def _candidates(
+    config: Config,
+    evolution: Evolution,
+    generation: Generation,
+    forest: Forest,
+    times_refined: Counter[bytes],
+) -> list[Candidate]:
+    refiner = config.refiner
+    eligibility = Eligibility(evolution.route.spec.solved_at, config.env.lowest_fitness_excluded)
+    if refiner.choice == "each_size":
+        return choose_of_each_size(generation.fitness, forest, eligibility, refiner.candidates, times_refined)
+    return choose_candidates(
+        generation.fitness,
+        forest.sizes,
+        eligibility,
+        refiner.best_probability,
+        refiner.candidates,
+        stream(config.seed, f"candidate in generation {generation.index}"),
+    )
 
 
 def _settle(

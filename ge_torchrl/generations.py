@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -82,6 +83,7 @@ class GenerationLoop:
     _on_refinement: Callable[[RefinementRecord], None] = field(default=lambda _: None, init=False)
     _evolved: Evolved | None = field(default=None, init=False)
     _n_offered: int = field(default=0, init=False)
+    _times_refined: Counter[bytes] = field(default_factory=Counter, init=False)
     _started: float = field(default=0.0, init=False)
 
     @property
@@ -162,7 +164,10 @@ class GenerationLoop:
         if self._refiner is None or not self.config.refiner.schedule.applies_to(generation.index):
             return False
         try:
-            for applied in apply(self._refiner, self.config, self.evolution, generation, self._best()):
+            applications = apply(
+                self._refiner, self.config, self.evolution, generation, self._best(), self._times_refined
+            )
+            for applied in applications:
                 self._evolved = self._evolved_by(applied)
                 self._on_refinement(applied.record)
         except KeyboardInterrupt:

@@ -91,7 +91,7 @@ class RefinementRecord:
         generation: After whose selection it happened.
         outcome: "improved" where the tree is better than before on the same unseen episodes, "not_improved",
             "failed" where training broke off, "skipped" where no candidate was found.
-        chosen: "best" or "random", as the first draw was; None if skipped.
+        chosen: "best" or "random", as the first draw was, or "fittest" of its structure; None if skipped.
         redraws: Rejected candidates.
         individual: Index in the population of the tree that was refined.
         decision_nodes: Size of that tree.

@@ -177,9 +177,11 @@ class RefinerConfig:
         name: "none" for grammatical evolution alone; any other name is what reports call the settings.
         method: "ppo", or "cmaes": without gradients.
         schedule: When trees are refined.
-        candidates: Trees of the population refined in a scheduled generation, one after another; those after the
-            first are random.
-        best_probability: Probability that the first of them is the best tree, else it is a random one.
+        candidates: Trees of the population refined in a scheduled generation, one after another.
+        choice: Which ones: "best_or_random", one of the best tree or a random one and the others at random, as in the
+            thesis; or "each_size", the fittest of every number of decision nodes and then the next of every number,
+            those first whose structure was refined least often.
+        best_probability: Probability that the first of "best_or_random" is the best tree.
         probability: Probability that a tree that was chosen is refined.
         simplify: Whether a tree is refined, and written back, without what no state can reach. The thesis refines it
             whole.
@@ -199,6 +201,7 @@ class RefinerConfig:
     method: str = "ppo"
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     candidates: int = 1
+    choice: str = "best_or_random"
     best_probability: float = 0.5
     probability: float = 1.0
     simplify: bool = False
@@ -216,6 +219,7 @@ class RefinerConfig:
             if not isinstance(getattr(self, name), section):
                 refuse(self, name, f"a {section.__name__}")
         check_integer(self, "candidates", 1, "an application refines at least one tree")
+        check_choice(self, "choice", ("best_or_random", "each_size"))
         check_probability(self, "best_probability")
         check_probability(self, "probability")
         check_flag(self, "simplify")

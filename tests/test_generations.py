@@ -285,6 +285,21 @@ def test_by_its_probability_the_best_tree_is_chosen_or_a_random_one(run, probabi
     assert all(best) == (chosen == "best")
 
 
+def test_of_each_size_the_structures_that_were_not_refined_yet_come_first(run):
+    settings = config(choice="each_size", candidates=4, schedule={"every": 4}, simplify=True)
+    _, _, refinements, refiner = run(settings, itertools.repeat((NOT_IMPROVED, 10.0)))
+    assert {record.chosen for record in refinements} == {"fittest"}
+    first, second = ([tree for tree, generation in refiner.asked if generation == g] for g in (4, 8))
+    for trees in (first, second):
+        assert len({tree.structure for tree in trees}) == len(trees) == 4
+    assert len({tree.n_decision_nodes for tree in first}) > 1
+    # Where a structure comes again, those that never came before went before it.
+    known = {tree.structure for tree in first}
+    again = [tree.structure in known for tree in second]
+    assert again == sorted(again)
+    assert not again[0]
+
+
 def test_exploring_follows_the_schedule_and_ends_with_a_last_refinement(run):
     explorer, script = ScriptedExplorer(), [(NOT_IMPROVED, 10.0)] * 3
     evolved, generations, *_ = run(config(), script, explorer=explorer)

@@ -1,13 +1,20 @@
-"""The choice of the tree that PPO refines (thesis, sections 3.3, 4.2.3 and 4.3.3)."""
+"""The choice of trees to refine: the best or random ones (thesis, sections 3.3, 4.2.3 and 4.3.3), or of each size.
+
+Beyond the thesis: one niche a number of decision nodes, as in an archive of elites (Mouret and Clune, "Illuminating
+search spaces by mapping elites", 2015), since the best trees of a population are mostly of one size, and a better
+structure is of another.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.search.fitness import Fitness
+from ge_torchrl.trees.forest import Forest
 
 
 @dataclass(frozen=True)
@@ -16,7 +23,7 @@ class Candidate:
 
     Attributes:
         individual: Its index in the population; None where no candidate was found.
-        chosen: What the first draw was: "best" or "random".
+        chosen: What the first draw was: "best" or "random"; "fittest" where it is the fittest of its structure.
         redraws: How many trees were rejected.
     """
 
@@ -112,3 +119,73 @@ def choose_candidates(
     ]
     drawn = rng.choice(others, size=min(n_candidates - 1, len(others)), replace=False) if others else ()
     return [first, *(Candidate(int(individual), "random", 0) for individual in drawn)]
+
+
+def choose_of_each_size(
+    fitness: Fitness,
+    forest: Forest,
+    eligibility: Eligibility,
+    n_candidates: int,
+    times_refined: Mapping[bytes, int],
+) -> list[Candidate]:
+    """Choose the fittest tree of every size, then the next of every size; structures seldom refined go first.
+
+    Of one structure only the fittest tree is chosen. Nothing here is drawn at random.
+
+    Args:
+        fitness: [P] float64.
+        forest: The P trees.
+        eligibility: What is rejected.
+        n_candidates: How many trees to choose; fewer are chosen where there are fewer structures.
+        times_refined: How often each structure was refined before; 0 for those that are not in it.
+
+    Returns:
+        At least one; a lone one without an individual where nothing may be refined.
+    """
+    sizes = forest.sizes
+    admitted = [i for i in range(len(forest)) if eligibility.admits(int(sizes[i]), float(fitness[i]))]
+    if not admitted:
+        return [Candidate(None, "fittest", 0)]
+    alike = fittest_of_each_structure(forest, fitness, admitted)
+    individuals = np.array(list(alike.values()))
+    times = np.array([times_refined.get(structure, 0) for structure in alike])
+    order = in_turns(fitness[individuals], sizes[individuals])
+    order = order[np.argsort(times[order], kind="stable")]
+    return [Candidate(int(individual), "fittest", 0) for individual in individuals[order[:n_candidates]]]
+
+
+def fittest_of_each_structure(
+    forest: Forest, fitness: Fitness, individuals: Sequence[int]
+) -> dict[bytes, int]:
+    """Return the fittest individual of each structure, the first of equally fit ones.
+
+    Args:
+        forest: The P trees.
+        fitness: [P] float64.
+        individuals: Who is considered.
+    """
+    fittest: dict[bytes, int] = {}
+    for individual in individuals:
+        structure = forest.structure(individual)
+        best = fittest.setdefault(structure, individual)
+        if fitness[individual] > fitness[best]:
+            fittest[structure] = individual
+    return fittest
+
+
+def in_turns(fitness: NDArray[np.float64], sizes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return an order that takes the fittest of every size first, then the second of every size, and so on.
+
+    Args:
+        fitness: [P] float64.
+        sizes: [P] int64.
+
+    Returns:
+        [P] int64, indices.
+    """
+    by_fitness = np.argsort(-fitness, kind="stable")
+    turn = np.empty(len(fitness), np.int64)
+    for size in np.unique(sizes):
+        of_size = by_fitness[sizes[by_fitness] == size]
+        turn[of_size] = np.arange(len(of_size))
+    return np.lexsort((-fitness, turn))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.errors import UnencodableTreeError
 from ge_torchrl.ge.encoding import can_derive, encode, snap
+from ge_torchrl.search.candidate import fittest_of_each_structure, in_turns
 from ge_torchrl.search.champion import NEIGHBOUR, Contender
 from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.hall_of_fame import HallOfFame
@@ -127,17 +128,13 @@ class Explorer:
             return [], 0
         drawn, env_steps = self._draw(rng)
         sizes = drawn.sizes // 2
-        structures: dict[bytes, list[int]] = {}
-        for i in np.flatnonzero((sizes > 0) & (sizes <= self._hall.max_nodes)):
-            rows = slice(drawn.offsets[i], drawn.offsets[i + 1])
-            structure = drawn.feature[rows].tobytes() + drawn.action[rows].tobytes()
-            if structure not in self._tried:
-                structures.setdefault(structure, []).append(int(i))
-        if not structures:
+        fitting = np.flatnonzero((sizes > 0) & (sizes <= self._hall.max_nodes))
+        untried = [int(i) for i in fitting if drawn.structure(int(i)) not in self._tried]
+        if not untried:
             return [], env_steps
         measured = self._evolution.measure(drawn, seeds)
         fitness = measured.fitness
-        best = np.array([max(alike, key=lambda i: fitness[i]) for alike in structures.values()])
+        best = np.array(list(fittest_of_each_structure(drawn, fitness, untried).values()))
         trees: list[DecisionTree] = []
         for i in best[in_turns(fitness[best], sizes[best])]:
             tree = drawn.tree(int(i))
@@ -224,21 +221,3 @@ class Explorer:
         if not places:
             return generation, 0
         return self._evolution.with_places_taken(generation, np.array(places), np.stack(codons))
-
-
-def in_turns(fitness: NDArray[np.float64], sizes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return an order that takes the fittest of every size first, then the second of every size, and so on.
-
-    Args:
-        fitness: [P] float64.
-        sizes: [P] int64.
-
-    Returns:
-        [P] int64, indices.
-    """
-    by_fitness = np.argsort(-fitness, kind="stable")
-    turn = np.empty(len(fitness), np.int64)
-    for size in np.unique(sizes):
-        of_size = by_fitness[sizes[by_fitness] == size]
-        turn[of_size] = np.arange(len(of_size))
-    return np.lexsort((-fitness, turn))

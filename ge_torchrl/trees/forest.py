@@ -141,6 +141,11 @@ class Forest:
             action=self.action[rows],
         )
 
+    def structure(self, index: int) -> bytes:
+        """Return the `DecisionTree.structure` of one tree, which is not checked; empty where there is none."""
+        rows = slice(self.offsets[index], self.offsets[index + 1])
+        return self.feature[rows].tobytes() + self.action[rows].tobytes()
+
     def decide(self, tree_index: NDArray[np.int64], observations: NDArray[np.float32]) -> IntArray:
         """Return the action of each observation, every one decided by its own tree.
 

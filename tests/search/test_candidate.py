@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from ge_torchrl.search.candidate import Candidate, Eligibility, choose_candidate, choose_candidates
+from ge_torchrl.search.candidate import (
+    Candidate,
+    Eligibility,
+    choose_candidate,
+    choose_candidates,
+    choose_of_each_size,
+    in_turns,
+)
+from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.forest import Forest
 
 CARTPOLE = Eligibility(solved_at=475.0, lowest_fitness=None)
 MOUNTAIN_CAR = Eligibility(solved_at=-110.0, lowest_fitness=-200.0)
@@ -95,3 +104,56 @@ def test_where_nobody_is_admitted_there_is_one_candidate_without_an_individual()
     rng = np.random.default_rng(0)
     (chosen,) = choose_candidates(np.array([9.0, 9.0]), np.array([1, 1]), CARTPOLE, 0.5, 3, rng)
     assert chosen.individual is None
+
+
+def comb(*features, threshold=0.5):
+    """Return a tree with a decision on each feature, one below the other on the right."""
+    tree = DecisionTree.leaf(1)
+    for feature in reversed(features):
+        tree = DecisionTree.split(feature, threshold, DecisionTree.leaf(0), tree)
+    return tree
+
+
+def individuals_chosen(trees, fitness, n_candidates, times_refined, eligibility=CARTPOLE):
+    chosen = choose_of_each_size(
+        np.array(fitness, float), Forest.stack(trees), eligibility, n_candidates, times_refined
+    )
+    assert all(candidate.chosen == "fittest" for candidate in chosen)
+    return [candidate.individual for candidate in chosen]
+
+
+class TestOfEachSize:
+    # Sizes 2, 2, 2, 3, 3, 4, and one that is too small; the first two are of one structure.
+    TREES = (
+        comb(0, 1),
+        comb(0, 1, threshold=0.7),
+        comb(1, 0),
+        comb(0, 1, 2),
+        comb(2, 1, 0),
+        comb(0, 0, 0, 0),
+        comb(3),
+    )
+    FITNESS = (50, 60, 55, 20, 30, 10, 70)
+
+    def test_the_fittest_of_every_size_goes_first_and_alike_trees_go_once(self):
+        assert individuals_chosen(self.TREES, self.FITNESS, 3, {}) == [1, 4, 5]
+        assert individuals_chosen(self.TREES, self.FITNESS, 9, {}) == [1, 4, 5, 2, 3]
+
+    def test_structures_seldom_refined_go_before_the_fittest(self):
+        refined = {self.TREES[0].structure: 2, self.TREES[4].structure: 1}
+        assert individuals_chosen(self.TREES, self.FITNESS, 9, refined) == [5, 2, 3, 4, 1]
+
+    def test_who_may_not_be_refined_is_left_out(self):
+        hopeless_or_solved = Eligibility(solved_at=60.0, lowest_fitness=20.0)
+        chosen = individuals_chosen(self.TREES, self.FITNESS, 9, {}, hopeless_or_solved)
+        # Without the second tree the first speaks for their structure.
+        assert chosen == [2, 4, 0]
+
+    def test_where_nobody_is_admitted_there_is_one_candidate_without_an_individual(self):
+        assert individuals_chosen([comb(3)], [10], 3, {}) == [None]
+
+
+def test_the_fittest_of_every_size_come_first_then_the_second():
+    fitness = np.array([5.0, 9.0, 1.0, 7.0, 3.0])
+    sizes = np.array([1, 2, 1, 2, 3])
+    assert in_turns(fitness, sizes).tolist() == [1, 0, 4, 3, 2]

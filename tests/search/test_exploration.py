@@ -13,7 +13,7 @@ from ge_torchrl.ge.rule_tables import compile_rules
 from ge_torchrl.records import TrainingRecord
 from ge_torchrl.search.champion import NEIGHBOUR, POPULATION, Contender
 from ge_torchrl.search.evolution import Evolution
-from ge_torchrl.search.exploration import Explorer, in_turns
+from ge_torchrl.search.exploration import Explorer
 from ge_torchrl.search.fitness import TrainingEpisodes
 from ge_torchrl.search.hall_of_fame import HallOfFame
 from ge_torchrl.search.refinement import FIRST, Effort, Tuned
@@ -256,9 +256,3 @@ def test_the_same_seed_explores_the_same(evolution):
         explorer(evolution, hall, neighbours=5, revisits=1)[0].explore(generation)
         found.append([member.tree for member in hall.members])
     assert found[0] == found[1]
-
-
-def test_the_fittest_of_every_size_come_first_then_the_second():
-    fitness = np.array([5.0, 9.0, 1.0, 7.0, 3.0])
-    sizes = np.array([1, 2, 1, 2, 3])
-    assert in_turns(fitness, sizes).tolist() == [1, 0, 4, 3, 2]

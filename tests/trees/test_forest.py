@@ -19,6 +19,7 @@ def test_every_stacked_tree_comes_back(trees):
     assert len(forest) == len(trees)
     assert [forest.tree(index) for index in range(len(forest))] == trees
     assert forest.sizes.tolist() == [tree.n_nodes for tree in trees]
+    assert [forest.structure(index) for index in range(len(forest))] == [tree.structure for tree in trees]
 
 
 def test_arrays_stand_end_to_end_and_children_count_from_their_root():
