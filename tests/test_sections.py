@@ -1,0 +1,162 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from configs_for_tests import VALUES, config_with
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ge_torchrl.config import Config
+from ge_torchrl.errors import ConfigError
+from ge_torchrl.sections import (
+    EnvironmentConfig,
+    GEConfig,
+)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        (
+            "ge",
+            "population_size",
+            1,
+            "ge.population_size must be an integer of at least 2, because selection compares individuals; got 1",
+        ),
+        ("ge", "population_size", True, "ge.population_size must be an integer .* got True"),
+        ("ge", "population_size", 2.5, "ge.population_size must be an integer .* got 2.5"),
+        ("ge", "population_size", "20", "ge.population_size must be an integer .* got '20'"),
+        ("ge", "population_size", None, "ge.population_size must be an integer .* got null"),
+        ("ge", "population_size", [1, 2], r"ge.population_size must be an integer .* got \[1, 2\]"),
+        ("ge", "generations", 0, "ge.generations must be an integer of at least 1"),
+        ("ge", "genotype_length", 0, "ge.genotype_length must be an integer of at least 1"),
+        ("ge", "gene_probability", 1.01, "ge.gene_probability must be a number from 0 to 1.*; got 1.01"),
+        (
+            "ge",
+            "gene_probability",
+            float("nan"),
+            "ge.gene_probability must be a number from 0 to 1.*; got nan",
+        ),
+        ("ge", "crossover_probability", -0.1, "ge.crossover_probability must be a number from 0 to 1"),
+        (
+            "ge",
+            "mutation_probability",
+            True,
+            "ge.mutation_probability must be a number from 0 to 1.*; got True",
+        ),
+        ("ge", "tournament_size", 0, "ge.tournament_size must be an integer of at least 1"),
+        ("ge", "wraps", -1, "ge.wraps must be an integer of at least 0"),
+        ("ge", "single_choice_consumes", 1, "ge.single_choice_consumes must be true or false; got 1"),
+        ("ge", "stop_when_solved", "yes", "ge.stop_when_solved must be true or false; got 'yes'"),
+        ("ge", "replacement", "x", "ge.replacement must be one of parent_if_better, generational; got 'x'"),
+        ("ge", "elites", -1, "ge.elites must be an integer of at least 0"),
+        ("ge", "elites", 10, "ge.elites must be less than ge.population_size, 10, because .*; got 10"),
+        ("ge", "parsimony", "some", "ge.parsimony must be one of none, lexicographic; got 'some'"),
+        (
+            "ge",
+            "parsimony_tolerance",
+            -1,
+            "ge.parsimony_tolerance must be a finite number of at least 0; got -1",
+        ),
+        ("ge", "max_seconds", 0, "ge.max_seconds must be a finite number above 0 or null; got 0"),
+        ("ge", "max_env_steps", 0, "ge.max_env_steps must be an integer of at least 1 or null"),
+        ("env", "id", " ", "env.id must be a Gymnasium id such as CartPole-v1; got ' '"),
+        ("env", "id", "???", "env.id has no value; expected a Gymnasium id such as CartPole-v1; got nothing"),
+        ("env", "features", "x", "env.features must be a list of texts; got 'x'"),
+        ("env", "features", [1], r"env.features must be a list of texts; got \[1\]"),
+        ("env", "features", ["x", "x"], "env.features must be names that differ from each other"),
+        ("env", "actions", ["left", ""], "env.actions must be names that differ from each other"),
+        ("env", "units", ["m"], "env.units must be one unit for each feature"),
+        ("env", "solved_at", float("inf"), "env.solved_at must be a finite number or null; got inf"),
+        (
+            "env",
+            "lowest_fitness_excluded",
+            "low",
+            "env.lowest_fitness_excluded must be a finite number or null",
+        ),
+        ("env", "route", "fast", "env.route must be one of auto, gymnasium, compiled; got 'fast'"),
+        ("env", "max_episode_steps", 0, "env.max_episode_steps must be an integer of at least 1 or null"),
+        ("env", "workers", -1, "env.workers must be an integer of at least 0"),
+        ("grammar", "bnf", "", "grammar.bnf must be rules in Backus-Naur form; got ''"),
+        ("grammar", "name", 3, "grammar.name must be the name of the grammar; got 3"),
+        ("evaluation", "episodes", 0, "evaluation.episodes must be an integer of at least 1"),
+        (
+            "evaluation",
+            "episode_seeds",
+            "new",
+            "evaluation.episode_seeds must be one of fixed, fresh, common",
+        ),
+        (
+            "evaluation",
+            "validation_episodes",
+            0,
+            "evaluation.validation_episodes must be an integer of at least 1",
+        ),
+        (
+            "evaluation",
+            "champion_candidates",
+            0,
+            "evaluation.champion_candidates must be an integer of at least 1",
+        ),
+        ("evaluation", "test_episodes", 0, "evaluation.test_episodes must be an integer of at least 1"),
+        ("evaluation", "std_penalty", -0.5, "evaluation.std_penalty must be a finite number of at least 0"),
+        ("evaluation", "threads", -1, "evaluation.threads must be an integer of at least 0"),
+    ],
+)
+def test_wrong_value_is_named_with_what_was_expected(section, key, value, message):
+    with pytest.raises(ConfigError, match=f"^{message}"):
+        config_with(section, key, value)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "stored"),
+    [
+        ("ge", "max_env_steps", 1e6, 1_000_000),
+        ("ge", "population_size", np.int64(200), 200),
+        ("ge", "gene_probability", 0, 0.0),
+        ("ge", "gene_probability", 1, 1.0),
+        ("ge", "max_seconds", 60, 60.0),
+        ("env", "solved_at", np.float32(475), 475.0),
+        ("env", "features", ["x", "y"], ("x", "y")),
+    ],
+)
+def test_other_spellings_of_a_value_are_stored_as_one(section, key, value, stored):
+    kept = getattr(getattr(config_with(section, key, value), section), key)
+    assert kept == stored
+    assert type(kept) is type(stored)
+
+
+@given(st.integers(2, 10**6), st.integers(1, 10**4), st.integers(1, 10**4), st.floats(0, 1))
+def test_everything_within_its_range_is_accepted(population_size, generations, genotype_length, probability):
+    config = GEConfig(population_size, generations, genotype_length, probability, probability, probability)
+    assert dataclasses.astuple(config)[:4] == (population_size, generations, genotype_length, probability)
+
+
+def test_units_may_be_blank_and_alike_but_not_without_features():
+    environment = EnvironmentConfig(id="E-v0", features=("a", "b"), units=("", ""))
+    assert environment.units == ("", "")
+    with pytest.raises(ConfigError, match=r"^env.units"):
+        EnvironmentConfig(id="E-v0", units=("m",))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("enabled", 1, "hall_of_fame.enabled must be true or false; got 1"),
+        ("episodes", 0, "hall_of_fame.episodes must be an integer of at least 1"),
+        ("keep", 0, "hall_of_fame.keep must be an integer of at least 1"),
+        ("max_nodes", -1, "hall_of_fame.max_nodes must be an integer of at least 0"),
+        ("neighbours", -1, "hall_of_fame.neighbours must be an integer of at least 0"),
+        ("neighbours_drawn", 0, "hall_of_fame.neighbours_drawn must be an integer of at least 1"),
+        ("revisits", -1, "hall_of_fame.revisits must be an integer of at least 0"),
+        ("revisit_factor", 0, "hall_of_fame.revisit_factor must be an integer of at least 1"),
+        ("final_keep", -1, "hall_of_fame.final_keep must be an integer of at least 0"),
+        ("final_factor", 0, "hall_of_fame.final_factor must be an integer of at least 1"),
+        ("final_step", 0, "hall_of_fame.final_step must be a finite number above 0"),
+        ("final_patience", 0, "hall_of_fame.final_patience must be an integer of at least 1"),
+        ("migrants", -1, "hall_of_fame.migrants must be an integer of at least 0"),
+    ],
+)
+def test_settings_of_the_hall_of_fame_are_checked(key, value, message):
+    with pytest.raises(ConfigError, match=message):
+        Config.from_mapping({**VALUES, "hall_of_fame": {key: value}})
