@@ -63,6 +63,8 @@ class PPOConfig:
             there are compiled dynamics), or "auto": fused where possible.
         scale_features: Whether steepness and learning rate of a threshold count in units of its feature's
             standard deviation over a first batch of samples; `alpha` then wants to be far smaller.
+        scale_critic: Whether the critic counts features and values in units of their standard deviations over that
+            first batch.
         alpha_final: Steepness in the last update, reached geometrically from `alpha`; None keeps `alpha`.
         lr_thresholds: Learning rate of the thresholds; None takes `lr_actor`.
         optimizer: "rmsprop", as in the thesis, or "adam".
@@ -91,6 +93,7 @@ class PPOConfig:
     critic_hidden: tuple[int, ...] = (64, 64)
     source: str = "auto"
     scale_features: bool = False
+    scale_critic: bool = False
     alpha_final: float | None = None
     lr_thresholds: float | None = None
     optimizer: str = "rmsprop"
@@ -120,12 +123,13 @@ class PPOConfig:
         check_integer(self, "snapshot_episodes", 0, "it counts episodes; 0 takes the last tree")
 
     def _check_gradients(self) -> None:
-        check_flag(self, "scale_features")
-        if self.scale_features and self.max_timesteps < 2 * self.update_timesteps:
-            expected = (
-                "false where refiner.ppo.max_timesteps is less than two of refiner.ppo.update_timesteps"
-            )
-            refuse(self, "scale_features", expected, "the first batch of samples only measures the features")
+        for name in ("scale_features", "scale_critic"):
+            check_flag(self, name)
+            if getattr(self, name) and self.max_timesteps < 2 * self.update_timesteps:
+                expected = (
+                    "false where refiner.ppo.max_timesteps is less than two of refiner.ppo.update_timesteps"
+                )
+                refuse(self, name, expected, "the first batch of samples only measures the spreads")
         for name in ("alpha_final", "lr_thresholds"):
             check_number(self, name, above=0.0, optional=True)
         check_choice(self, "optimizer", ("rmsprop", "adam"))

@@ -76,6 +76,11 @@ def test_a_schedule_survives_the_way_through_yaml():
         ({"ppo": {"snapshot_episodes": -1}}, "ppo.snapshot_episodes must be an integer of at least 0"),
         ({"ppo": {"leaf_scale": 0}}, "refiner.ppo.leaf_scale must be a finite number above 0"),
         ({"ppo": {"scale_features": "no"}}, "refiner.ppo.scale_features must be true or false"),
+        ({"ppo": {"scale_critic": 1}}, "refiner.ppo.scale_critic must be true or false"),
+        (
+            {"ppo": {"scale_critic": True, "max_timesteps": 5000, "update_timesteps": 3000}},
+            "ppo.scale_critic must be false where .* because the first batch of samples only measures",
+        ),
         (
             {"ppo": {"scale_features": True, "max_timesteps": 5000, "update_timesteps": 3000}},
             "ppo.scale_features must be false where .* because the first batch of samples only measures",

@@ -21,7 +21,7 @@ from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 from ge_torchrl.records import TrainingRecord
-from ge_torchrl.rl.actor_critic import make_actor_critic
+from ge_torchrl.rl.actor_critic import make_actor_critic, value_network_of
 from ge_torchrl.rl.ddt import DDT
 from ge_torchrl.rl.samples import Source, finished_returns
 
@@ -47,6 +47,7 @@ class PPOSettings:
         hidden: Widths of the critic's hidden layers.
         scale_features: Whether thresholds are counted in units of their features' standard deviation over a first
             batch of samples, which is spent on that alone.
+        scale_critic: Whether the critic counts features and values in units of their spreads over that batch.
         alpha_final: Steepness of the decisions in the last update, reached geometrically; None leaves it.
         lr_thresholds: Learning rate of the thresholds; None takes that of the tree.
         optimizer: "rmsprop" or "adam".
@@ -67,6 +68,7 @@ class PPOSettings:
     critic_coeff: float = 0.5
     hidden: tuple[int, ...] = (64, 64)
     scale_features: bool = False
+    scale_critic: bool = False
     alpha_final: float | None = None
     lr_thresholds: float | None = None
     optimizer: str = "rmsprop"
@@ -104,9 +106,12 @@ def train(
     record = TrainingRecord()
     with _one_thread():
         n_updates = settings.max_timesteps // settings.update_timesteps
-        if settings.scale_features and n_updates > 0:
+        if (settings.scale_features or settings.scale_critic) and n_updates > 0:
             samples = source.collect(actor, settings.update_timesteps)
-            ddt.standardise(_spread(samples["observation"]))
+            if settings.scale_features:
+                ddt.standardise(_spread(samples["observation"]))
+            if settings.scale_critic:
+                learner.standardise_critic(samples)
             record, n_updates = TrainingRecord(timesteps=len(samples)), n_updates - 1
         alpha = ddt.alpha
         for update in range(n_updates):
@@ -123,9 +128,9 @@ def train(
     return record
 
 
-def _spread(observation: Tensor) -> Tensor:
-    """Return [D], the standard deviation of each feature over samples [T, D]; 1 where it tells nothing."""
-    spread = observation.double().std(0)
+def _spread(samples: Tensor) -> Tensor:
+    """Return [D], the standard deviation of each column of samples [T, D]; 1 where it tells nothing."""
+    spread = samples.double().std(0)
     # A feature that never moved has no scale of its own, and neither has one that is not a number.
     return torch.where(spread.isfinite() & (spread > 0), spread, 1.0).float()
 
@@ -177,6 +182,7 @@ class _Learner:
         self._settings = settings
         self._generator = generator
         self._steps = 0
+        self._value_network = value_network_of(critic)
         self._advantages = make_advantages(critic, settings.gamma, settings.gae_lambda)
         self._loss = ClipPPOLoss(
             actor,
@@ -197,6 +203,14 @@ class _Learner:
             ],
             foreach=True,
         )
+
+    @torch.no_grad()
+    def standardise_critic(self, samples: TensorDict) -> None:
+        """Count the critic's features, and then its values, in units of their spreads over samples [T]."""
+        observation = samples["observation"]
+        self._value_network.standardise_features(observation.mean(0), _spread(observation))
+        targets = self._advantages(samples.clone())["value_target"]
+        self._value_network.standardise_values(targets.mean(0), _spread(targets))
 
     def set_entropy_coeff(self, progress: float) -> None:
         """Set the weight of the entropy bonus for an update, by its place among all from 0 to 1."""

@@ -123,6 +123,7 @@ def _settings(config: PPOConfig, factor: int) -> PPOSettings:
         critic_coeff=config.critic_coeff,
         hidden=config.critic_hidden,
         scale_features=config.scale_features,
+        scale_critic=config.scale_critic,
         alpha_final=config.alpha_final,
         lr_thresholds=config.lr_thresholds,
         optimizer=config.optimizer,

@@ -1,7 +1,7 @@
 import torch
 from tensordict import TensorDict
 
-from ge_torchrl.rl.actor_critic import ddt_of, make_actor_critic
+from ge_torchrl.rl.actor_critic import ddt_of, make_actor_critic, value_network_of
 from ge_torchrl.rl.ddt import soften
 from ge_torchrl.trees.decision_tree import DecisionTree
 
@@ -38,6 +38,21 @@ def test_critic_is_a_relu_network_of_the_hidden_widths():
     assert sum(isinstance(module, torch.nn.ReLU) for module in critic.modules()) == 2
     output = critic(TensorDict({"observation": torch.ones(6, 4)}, [6]))
     assert output["state_value"].shape == (6, 1)
+
+
+def test_a_value_network_counts_features_and_values_from_their_means_in_their_spreads():
+    """V(s) = m_V + d_V f((s - m_s) / d_s)."""
+    _, critic = build(hidden=(8,))
+    network = value_network_of(critic)
+    observation = torch.randn(6, 4, generator=torch.Generator().manual_seed(0))
+    mean, spread = torch.tensor([1.0, -2.0, 0.5, 0.0]), torch.tensor([2.0, 0.05, 1.0, 4.0])
+    with torch.no_grad():
+        plain = network(observation)
+        assert torch.equal(plain, network.network(observation)), "before that it is the network itself"
+        network.standardise_features(mean, spread)
+        torch.testing.assert_close(network(mean + spread * observation), plain)
+        network.standardise_values(torch.tensor([-60.0]), torch.tensor([20.0]))
+        torch.testing.assert_close(network(mean + spread * observation), -60 + 20 * plain)
 
 
 def test_critic_follows_the_generator_and_leaves_the_global_stream_alone():

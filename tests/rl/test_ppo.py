@@ -273,9 +273,26 @@ def test_with_scaled_features_a_step_is_a_share_of_the_features_spread():
     np.testing.assert_allclose(trained.scale, spread, rtol=1e-6)
 
 
-def test_the_batch_that_measures_the_features_is_counted_and_not_trained_on():
-    record = train(soft(), fused(), replace(SETTINGS, scale_features=True), seed=0)
+@pytest.mark.parametrize("changes", [{"scale_features": True}, {"scale_critic": True}])
+def test_the_batch_that_measures_the_spreads_is_counted_and_not_trained_on(changes):
+    record = train(soft(), fused(), replace(SETTINGS, **changes), seed=0)
     assert (record.timesteps, record.updates) == (1500, 2)
+
+
+def test_a_critic_that_counts_in_spreads_does_not_have_to_learn_how_large_values_are():
+    mountaincar = describe("MountainCar-v0")
+    # Every value lies between -1 / (1 - gamma) = -50 and -1, and velocities within 0.07 of zero.
+    settings = PPOSettings(3000, 1000, 5, gamma=0.98, gae_lambda=1.0, scale_critic=True)
+    with_the_flow = DecisionTree.split(1, 0.0, LEFT, DecisionTree.leaf(2))
+
+    def squared_error(**changes):
+        ddt = soften(with_the_flow, 3, generator=generator())
+        source = open_source(mountaincar, "fused", rng=np.random.default_rng(0))
+        return train(ddt, source, replace(settings, **changes), seed=0).critic_loss
+
+    # What is left of it is about the spread of the values; without it, about their size.
+    assert squared_error() < 10**2
+    assert squared_error(scale_critic=False) > 20**2
 
 
 def test_a_feature_that_never_moves_keeps_its_scale():

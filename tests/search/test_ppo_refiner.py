@@ -136,6 +136,7 @@ OF_TRAINING = {
     "critic_coeff": 0.4,
     "critic_hidden": (8,),
     "scale_features": True,
+    "scale_critic": True,
     "alpha_final": 9.0,
     "lr_thresholds": 0.2,
     "optimizer": "adam",
