@@ -4,7 +4,8 @@
 
 One tree from each of 20 runs (seeds 20 to 39) of Grammatical Evolution alone, a random one of those that may be
 refined, after few generations. Each variant refines all of them; before and after are means over 1,000 episodes that
-nothing else sees. CMA-ES is given the steps that PPO took, snapshots and acceptance included, or its seconds.
+nothing else sees. The environment's CMA-ES is given the steps that PPO took, snapshots and acceptance included, or its
+seconds.
 """
 
 import argparse
@@ -18,7 +19,6 @@ from bench import composed
 
 from ge_torchrl.environments.compiled_route import CompiledRoute
 from ge_torchrl.experiment import plan
-from ge_torchrl.refiner_section import CMAESConfig
 from ge_torchrl.report.statistics import bootstrap_interval
 from ge_torchrl.report.tables import markdown
 from ge_torchrl.search.candidate import Eligibility
@@ -77,6 +77,8 @@ def variants_of(environment):
     return {
         "PPO, refiner=ppo": refiner,
         "features not scaled, alpha 1000": of(scale_features=False, alpha=1000.0),
+        "critic not scaled": of(scale_critic=False),
+        "critic not scaled, its learning rate 0.003": of(scale_critic=False, lr_critic=0.003),
         "alpha 50 instead of 5": of(alpha=50.0),
         "alpha annealed from 5 to 50": of(alpha_final=50.0),
         "leaves of Eq. 3 (leaf_scale 1)": of(leaf_scale=1.0),
@@ -132,7 +134,7 @@ def bench(environment):
         print(".", end="", flush=True, file=sys.stderr)
         if len(rows) == 1:
             _, _, seconds, steps = results
-    cmaes = CMAESConfig(episodes=40, first_step=0.5)
+    cmaes = composed(f"env={environment}", "refiner=cmaes").refiner.cmaes
     equal_steps = [replace(cmaes, max_timesteps=int(n)) for n in steps]
     as_accepted = variants_of(environment)["PPO, refiner=ppo"]
     for name, configs in (
