@@ -94,7 +94,9 @@ def _candidates(
     times_refined: Counter[bytes],
 ) -> list[Candidate]:
     refiner = config.refiner
-    eligibility = Eligibility(evolution.route.spec.solved_at, config.env.lowest_fitness_excluded)
+    eligibility = Eligibility(
+        evolution.route.spec.solved_at, config.env.lowest_fitness_excluded, refiner.min_nodes
+    )
     if refiner.choice == "each_size":
         return choose_of_each_size(generation.fitness, forest, eligibility, refiner.candidates, times_refined)
     return choose_candidates(

@@ -185,6 +185,7 @@ class RefinerConfig:
         choice: Which ones: "best_or_random", one of the best tree or a random one and the others at random, as in the
             thesis; or "each_size", the fittest of every number of decision nodes and then the next of every number,
             those first whose structure was refined least often.
+        min_nodes: Decision nodes of the smallest trees that are refined; the thesis refines trees from two on.
         best_probability: Probability that the first of "best_or_random" is the best tree.
         probability: Probability that a tree that was chosen is refined.
         simplify: Whether a tree is refined, and written back, without what no state can reach. The thesis refines it
@@ -206,6 +207,7 @@ class RefinerConfig:
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     candidates: int = 1
     choice: str = "best_or_random"
+    min_nodes: int = 2
     best_probability: float = 0.5
     probability: float = 1.0
     simplify: bool = False
@@ -224,6 +226,7 @@ class RefinerConfig:
                 refuse(self, name, f"a {section.__name__}")
         check_integer(self, "candidates", 1, "an application refines at least one tree")
         check_choice(self, "choice", ("best_or_random", "each_size"))
+        check_integer(self, "min_nodes", 1, "a lone leaf has nothing to refine")
         check_probability(self, "best_probability")
         check_probability(self, "probability")
         check_flag(self, "simplify")

@@ -300,6 +300,17 @@ def test_of_each_size_the_structures_that_were_not_refined_yet_come_first(run):
     assert not again[0]
 
 
+@pytest.mark.parametrize("choice", ["best_or_random", "each_size"])
+def test_trees_of_less_than_so_many_nodes_are_not_refined(run, choice):
+    def sizes(min_nodes):
+        settings = config(choice=choice, candidates=6, min_nodes=min_nodes)
+        refiner = run(settings, itertools.repeat((NOT_IMPROVED, 10.0)))[3]
+        return {tree.n_decision_nodes for tree, _ in refiner.asked}
+
+    assert min(sizes(1)) == 1
+    assert min(sizes(3)) == 3
+
+
 def test_exploring_follows_the_schedule_and_ends_with_a_last_refinement(run):
     explorer, script = ScriptedExplorer(), [(NOT_IMPROVED, 10.0)] * 3
     evolved, generations, *_ = run(config(), script, explorer=explorer)

@@ -66,6 +66,7 @@ def test_a_schedule_survives_the_way_through_yaml():
     ("values", "message"),
     [
         ({"choice": "worst"}, "refiner.choice must be one of best_or_random, each_size"),
+        ({"min_nodes": 0}, "refiner.min_nodes must be an integer of at least 1"),
         ({"candidates": 0}, "refiner.candidates must be an integer of at least 1"),
         ({"write_back": 1}, "refiner.write_back must be true or false"),
         ({"simplify": "yes"}, "refiner.simplify must be true or false"),

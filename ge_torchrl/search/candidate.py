@@ -39,16 +39,18 @@ class Eligibility:
     Attributes:
         solved_at: A tree of this fitness or more solves the task already; None where nothing counts as solved.
         lowest_fitness: A tree of this fitness never saw a reward, so that PPO has nothing to learn from; or None.
+        min_nodes: Decision nodes of the smallest trees that are worth trying on; 2 in the thesis.
     """
 
     solved_at: float | None
     lowest_fitness: float | None
+    min_nodes: int = 2
 
     def admits(self, n_nodes: int, fitness: float) -> bool:
         """Tell whether a tree may be refined.
 
-        Rejected are trees that (a) solve the task already, (b) are one leaf, (c) have one condition and two leaves,
-        (d) have the lowest possible fitness; and individuals without a tree.
+        Rejected are trees that (a) solve the task already, (b) are one leaf, (c) have one condition and two leaves, or
+        less than `min_nodes`, (d) have the lowest possible fitness; and individuals without a tree.
 
         Args:
             n_nodes: Nodes of the whole tree, 0 where there is none.
@@ -56,7 +58,8 @@ class Eligibility:
         """
         solves = self.solved_at is not None and fitness >= self.solved_at
         hopeless = self.lowest_fitness is not None and fitness <= self.lowest_fitness
-        return n_nodes > 3 and not solves and not hopeless
+        # A tree has one leaf more than decision nodes.
+        return n_nodes > 2 * self.min_nodes and not solves and not hopeless
 
 
 def choose_candidate(

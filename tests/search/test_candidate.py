@@ -50,6 +50,10 @@ def choose(fitness, n_nodes, eligibility, *, first, draws=()):
         (MOUNTAIN_CAR, 5, -110.0, False),
         (MOUNTAIN_CAR, 0, -np.inf, False),  # no tree at all
         (Eligibility(None, None), 5, 1e9, True),
+        (Eligibility(None, None, min_nodes=3), 5, 9.0, False),
+        (Eligibility(None, None, min_nodes=3), 7, 9.0, True),
+        (Eligibility(None, None, min_nodes=1), 3, 9.0, True),
+        (Eligibility(None, None, min_nodes=1), 1, 9.0, False),
     ],
 )
 def test_rules_of_rejection(eligibility, n_nodes, fitness, admitted):
