@@ -18,6 +18,7 @@ from ge_torchrl.records import Summary
 from ge_torchrl.report.closing import EvaluationSummary
 from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluatedTree, SweepEvaluation
 from ge_torchrl.report.methods import METHODS, method_of
+from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.serialization import TreeDocument, read_tree
@@ -74,6 +75,10 @@ def evaluate_runs(
 ) -> SweepEvaluation:
     """Test the trees of all finished runs below a folder on the same episodes, as `evaluate` tests one.
 
+    Each run validated its trees on episodes of its own, so that these means do not tell which run's tree of a size is
+    best. Where several runs kept a hall of fame, all trees are validated once more, on as many episodes as the test
+    has, the same for all.
+
     Args:
         folder: The folder, with runs at any depth: of each the champion and its hall of fame, if it kept one.
         episodes: Number of episodes, at least 1.
@@ -103,10 +108,11 @@ def evaluate_runs(
         ]
         runs = _restricted(runs, nodes, folder)
     runs.sort(key=lambda run: (*run.task, METHODS.index(run.method), run.summary.seed, run.path))
+    validation_seeds = episode_seeds("validation", episodes, stream(seed, "episodes that choose among runs"))
     methods = [
         method
         for _, alike in groupby(runs, key=lambda run: run.task)
-        for method in _evaluate_task(list(alike), np.arange(seed, seed + episodes), route)
+        for method in _evaluate_task(list(alike), np.arange(seed, seed + episodes), validation_seeds, route)
     ]
     return SweepEvaluation(episodes, seed, tuple(methods), tuple(left_out))
 
@@ -120,16 +126,16 @@ class _Candidates:
         method: By which method it searched.
         spec: Its environment.
         summary: Its summary.
-        chosen: Its champion, or the tree of the size that was asked for, with its validation mean.
-        by_size: Its hall of fame, likewise.
+        chosen: Its champion, or the tree of the size that was asked for.
+        by_size: Its hall of fame.
     """
 
     path: Path
     method: str
     spec: EnvironmentSpec
     summary: Summary
-    chosen: tuple[DecisionTree, float]
-    by_size: tuple[tuple[DecisionTree, float], ...]
+    chosen: DecisionTree
+    by_size: tuple[DecisionTree, ...]
 
     @property
     def task(self) -> tuple[str, int, float]:
@@ -140,28 +146,26 @@ class _Candidates:
     @property
     def trees(self) -> Iterator[DecisionTree]:
         """All trees."""
-        yield self.chosen[0]
-        for tree, _ in self.by_size:
-            yield tree
+        yield self.chosen
+        yield from self.by_size
 
-    def of(self, nodes: int) -> tuple[tuple[DecisionTree, float], ...]:
+    def of(self, nodes: int) -> tuple[DecisionTree, ...]:
         """Return the tree of one size, if there is one."""
-        return tuple(entry for entry in self.by_size if entry[0].n_decision_nodes == nodes)
+        return tuple(tree for tree in self.by_size if tree.n_decision_nodes == nodes)
 
 
 def _candidates(folder: RunFolder) -> _Candidates:
     """Read the trees of one run."""
     config, summary = folder.read_config(), folder.read_summary()
     by_size = [
-        (folder.read_hall_of_fame_tree(record.decision_nodes).tree, record.validation_mean)
-        for record in folder.read_hall_of_fame()
+        folder.read_hall_of_fame_tree(record.decision_nodes).tree for record in folder.read_hall_of_fame()
     ]
     return _Candidates(
         path=folder.path,
         method=method_of(config),
         spec=_environment(folder),
         summary=summary,
-        chosen=(folder.read_tree().tree, summary.validation_mean),
+        chosen=folder.read_tree().tree,
         by_size=tuple(by_size),
     )
 
@@ -170,7 +174,7 @@ def _restricted(runs: Sequence[_Candidates], nodes: int, folder: Path) -> list[_
     """Return the runs that have a tree of one size, with that tree alone."""
     having = [replace(run, chosen=run.of(nodes)[0], by_size=run.of(nodes)) for run in runs if run.of(nodes)]
     if not having:
-        sizes = sorted({tree.n_decision_nodes for run in runs for tree, _ in run.by_size})
+        sizes = sorted({tree.n_decision_nodes for run in runs for tree in run.by_size})
         if not sizes:
             raise ArtefactError(
                 f"the runs in {folder} must hold a hall of fame, as hall_of_fame.enabled=true makes it, to give trees "
@@ -184,18 +188,27 @@ def _restricted(runs: Sequence[_Candidates], nodes: int, folder: Path) -> list[_
 
 
 def _evaluate_task(
-    runs: Sequence[_Candidates], seeds: NDArray[np.int64], route: str
+    runs: Sequence[_Candidates], seeds: NDArray[np.int64], validation_seeds: NDArray[np.int64], route: str
 ) -> Iterator[EvaluatedMethod]:
     """Test all trees of one task together, and yield what they did, method by method."""
     spec = runs[0].spec
     # A champion stands in its hall of fame too, and small trees are found again and again.
     trees = list(dict.fromkeys(tree for run in runs for tree in run.trees))
+    forest = Forest.stack(trees)
     opened = open_route(spec, route)
     try:
-        returns = opened.evaluate(Forest.stack(trees), seeds).returns
+        returns = opened.evaluate(forest, seeds).returns
+        validation_means = (
+            opened.evaluate(forest, validation_seeds).returns.mean(axis=1).tolist()
+            if sum(len(run.by_size) > 0 for run in runs) > 1
+            else [None] * len(trees)
+        )
     finally:
         opened.close()
-    measured = dict(zip(trees, zip(returns.mean(axis=1), returns.std(axis=1), strict=True), strict=True))
+    measured = {
+        tree: EvaluatedTree(tree.n_decision_nodes, validation_mean, float(of.mean()), float(of.std()))
+        for tree, of, validation_mean in zip(trees, returns, validation_means, strict=True)
+    }
     for method, alike in groupby(runs, key=lambda run: run.method):
         yield EvaluatedMethod(
             environment=spec.id,
@@ -207,20 +220,13 @@ def _evaluate_task(
         )
 
 
-def _evaluated(
-    run: _Candidates, measured: Mapping[DecisionTree, tuple[np.float64, np.float64]]
-) -> EvaluatedRun:
-    def evaluated(entry: tuple[DecisionTree, float]) -> EvaluatedTree:
-        tree, validation_mean = entry
-        mean, std = measured[tree]
-        return EvaluatedTree(tree.n_decision_nodes, validation_mean, float(mean), float(std))
-
+def _evaluated(run: _Candidates, measured: Mapping[DecisionTree, EvaluatedTree]) -> EvaluatedRun:
     return EvaluatedRun(
         path=str(run.path),
         seed=run.summary.seed,
         wall_seconds=run.summary.wall_seconds,
-        chosen=evaluated(run.chosen),
-        by_size=tuple(map(evaluated, run.by_size)),
+        chosen=measured[run.chosen],
+        by_size=tuple(measured[tree] for tree in run.by_size),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ import numpy as np
 from ge_torchrl.report.tables import aligned, markdown
 
 _BY_SIZE = (
-    'By size. "Best in validation" did best in its own run\'s validation, which these episodes had no part in.\n'
+    'By size. "Best in validation" did best of all runs on as many other episodes, the same for all.\n'
     '"Best of runs" is chosen by this test itself, so its mean flatters.'
 )
 
@@ -21,15 +22,21 @@ class EvaluatedTree:
 
     Attributes:
         decision_nodes: Its size.
-        validation_mean: Its mean return in its own run's validation, which chose it.
+        validation_mean: Its mean return on validation episodes that are the same for all runs, and choose among them;
+            None where there is no choice, because fewer than two runs kept a hall of fame.
         mean: Its mean return.
         std: Standard deviation of its returns.
     """
 
     decision_nodes: int
-    validation_mean: float
+    validation_mean: float | None
     mean: float
     std: float
+
+    @property
+    def rank(self) -> float:
+        """By what it is chosen among the trees of several runs: the greatest is best."""
+        return -math.inf if self.validation_mean is None else self.validation_mean
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,7 @@ class EvaluatedSize:
         decision_nodes: The size.
         runs: Runs that have a tree of it.
         median: Median over runs of the trees' mean returns.
-        in_validation: Mean return of the tree that did best in its own run's validation.
+        in_validation: Mean return of the tree that did best on the validation episodes.
         in_validation_seed: The seed of its run.
         best_of_runs: The best mean return of all runs, chosen by the test itself.
         best_of_runs_seed: The seed of its run.
@@ -115,7 +122,7 @@ class EvaluatedMethod:
         rows = []
         for size in sorted({tree.decision_nodes for _, tree in trees}):
             found = [(seed, tree) for seed, tree in trees if tree.decision_nodes == size]
-            validated_seed, validated = max(found, key=lambda pair: pair[1].validation_mean)
+            validated_seed, validated = max(found, key=lambda pair: pair[1].rank)
             best_seed, best = max(found, key=lambda pair: pair[1].mean)
             median = float(np.median([tree.mean for _, tree in found]))
             rows.append(

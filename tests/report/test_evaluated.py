@@ -46,7 +46,7 @@ def test_text_in_full():
         "\n"
         "solved 2 of 3, worst seed mean 470.00, median seed mean 475.00\n"
         "\n"
-        'By size. "Best in validation" did best in its own run\'s validation, which these episodes had no part in.\n'
+        'By size. "Best in validation" did best of all runs on as many other episodes, the same for all.\n'
         '"Best of runs" is chosen by this test itself, so its mean flatters.\n'
         "\n"
         "decision nodes  runs  median  best in validation  its seed  best of runs (chosen by this test)  its seed\n"
