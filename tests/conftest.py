@@ -1,8 +1,26 @@
-"""Settings of all tests."""
+"""Settings of all tests, and what several of them start from."""
 
+import sys
+
+import pytest
+from fake_experiment_for_tests import FakeExperiment
 from hypothesis import settings
+
+import ge_torchrl
 
 # The first example that meets a kernel waits for its compilation: no example may have a deadline. The same examples
 # every time keep a failure from coming and going.
 settings.register_profile("compiled", deadline=None, derandomize=True)
 settings.load_profile("compiled")
+
+
+@pytest.fixture
+def experiment(tmp_path, monkeypatch):
+    """Stand in for the experiment and the evaluation, in an empty working directory."""
+    fake = FakeExperiment()
+    monkeypatch.setitem(sys.modules, "ge_torchrl.experiment", fake)
+    monkeypatch.setitem(sys.modules, "ge_torchrl.evaluation", fake)
+    monkeypatch.setattr(ge_torchrl, "experiment", fake, raising=False)
+    monkeypatch.setattr(ge_torchrl, "evaluation", fake, raising=False)
+    monkeypatch.chdir(tmp_path)
+    return fake

@@ -1,6 +1,6 @@
 """What one refinement brings, by which part of the method: the same trees, refined in many ways.
 
-    python tests/benchmarks/bench_refiners.py                  # a few minutes an environment, on one core
+    python tests/benchmarks/bench_refiners.py                  # half an hour an environment, on one core
 
 One tree from each of 20 runs (seeds 20 to 39) of Grammatical Evolution alone, a random one of those that may be
 refined, after few generations. Each variant refines all of them; before and after are means over 1,000 episodes that
@@ -83,6 +83,10 @@ def variants_of(environment):
         "alpha annealed from 5 to 50": of(alpha_final=50.0),
         "leaves of Eq. 3 (leaf_scale 1)": of(leaf_scale=1.0),
         "learning rate 0.001, as in the thesis": of(lr_actor=0.001),
+        "thresholds' learning rate 0.01": of(lr_thresholds=0.01),
+        "minibatches of 250": of(minibatch_size=250),
+        "a quarter of the steps": of(max_timesteps=ppo.max_timesteps // 4),
+        "four times the steps": of(max_timesteps=ppo.max_timesteps * 4),
         "RMSprop": of(optimizer="rmsprop"),
         "gamma 0.95, lambda 0.95": of(gamma=0.95, gae_lambda=0.95),
         "entropy bonus constant": of(entropy_final=None),

@@ -1,0 +1,48 @@
+"""What the command line calls, without what it does."""
+
+import types
+from pathlib import Path
+
+from ge_torchrl.config import Config
+from ge_torchrl.errors import ArtefactError, EnvironmentFaultError
+
+
+class FakeExperiment(types.ModuleType):
+    """Stands in for the experiment and the evaluation: remembers what was asked, and fails where told to."""
+
+    def __init__(self):
+        super().__init__("ge_torchrl.experiment")
+        self.runs: list[tuple[Config, Path]] = []
+        self.evaluated: list[tuple[object, ...]] = []
+        self.failures: dict[int, BaseException] = {}
+        self.interrupted: set[int] = set()
+
+    def run(self, config, output_dir):
+        self.runs.append((config, output_dir))
+        if config.seed in self.failures:
+            raise self.failures[config.seed]
+        return types.SimpleNamespace(
+            stopped_by="interrupt" if config.seed in self.interrupted else "generations"
+        )
+
+    def plan(self, config):
+        if config.env.id.startswith("Missing"):
+            raise EnvironmentFaultError(f"env.id must be an installed one; got {config.env.id}")
+
+    def is_above_runs(self, path):
+        return path.is_dir()
+
+    def evaluate_runs(self, folder, episodes, seed, route, nodes):
+        self.evaluated.append((folder, episodes, seed, route, nodes))
+        return types.SimpleNamespace(
+            left_out=("multirun/3: broken",),
+            as_dict=lambda: {"episodes": 10},
+            as_text=lambda: "a table",
+            as_markdown=lambda: "| a table |",
+        )
+
+    def evaluate(self, path, episodes, seed, route, nodes):
+        self.evaluated.append((path, episodes, seed, route, nodes))
+        if path.name == "missing":
+            raise ArtefactError("missing must be a tree's file; got none")
+        return types.SimpleNamespace(as_dict=lambda: {"mean": 499.5}, as_text=lambda: "mean return 499.5")
