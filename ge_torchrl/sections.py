@@ -204,6 +204,8 @@ class HallOfFameConfig:
         final_factor: How many times the refiner's episodes and steps this takes.
         final_patience: How many times the steps, but not the episodes, beyond that.
         final_step: How many times the refiner's first step of thresholds, where the method has one.
+        final_settling_episodes: Episodes on which the snapped thresholds of these trees are then moved to better
+            constants near by; 0 leaves each at the nearest one.
         migrants: Kept trees that take the places of the least fit individuals after a scheduled generation.
     """
 
@@ -221,6 +223,7 @@ class HallOfFameConfig:
     final_factor: int = 20
     final_patience: int = 1
     final_step: float = 1.0
+    final_settling_episodes: int = 0
     migrants: int = 0
 
     def __post_init__(self) -> None:
@@ -236,4 +239,5 @@ class HallOfFameConfig:
         check_integer(self, "final_factor", 1, "it multiplies a budget")
         check_integer(self, "final_patience", 1, "it multiplies a budget")
         check_number(self, "final_step", above=0.0)
+        check_integer(self, "final_settling_episodes", 0, "it counts episodes; 0 leaves snapped thresholds")
         check_integer(self, "migrants", 0, "it counts individuals")

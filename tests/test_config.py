@@ -72,6 +72,7 @@ def test_defaults_are_the_documented_ones():
             final_factor=20,
             final_patience=1,
             final_step=1.0,
+            final_settling_episodes=0,
             migrants=0,
         ),
         seed=0,

@@ -152,6 +152,11 @@ def test_units_may_be_blank_and_alike_but_not_without_features():
         ("revisit_factor", 0, "hall_of_fame.revisit_factor must be an integer of at least 1"),
         ("final_keep", -1, "hall_of_fame.final_keep must be an integer of at least 0"),
         ("final_factor", 0, "hall_of_fame.final_factor must be an integer of at least 1"),
+        (
+            "final_settling_episodes",
+            -1,
+            "hall_of_fame.final_settling_episodes must be an integer of at least 0",
+        ),
         ("final_step", 0, "hall_of_fame.final_step must be a finite number above 0"),
         ("final_patience", 0, "hall_of_fame.final_patience must be an integer of at least 1"),
         ("migrants", -1, "hall_of_fame.migrants must be an integer of at least 0"),

@@ -21,8 +21,9 @@ from ge_torchrl.search.champion import NEIGHBOUR, Contender
 from ge_torchrl.search.evolution import Evolution, Generation
 from ge_torchrl.search.hall_of_fame import HallOfFame
 from ge_torchrl.search.refinement import FIRST, Effort, RefinesTrees
+from ge_torchrl.search.settling import settle
 from ge_torchrl.sections import HallOfFameConfig
-from ge_torchrl.seeding import stream
+from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.edits import EditedTree, stacked
 from ge_torchrl.trees.forest import Forest
@@ -114,7 +115,12 @@ class Explorer:
         trees = [tree for size, kept in by_size.items() if size > 0 for tree in kept[: config.final_keep]]
         rng = stream(self._seed, "hall of fame at the end")
         effort = Effort(config.final_factor, config.final_patience, config.final_step)
-        return self._refine(trees, effort, seeds, rng)[1]
+        refined, env_steps = self._tuned(trees, effort, rng)
+        if refined and self._snaps and config.final_settling_episodes > 0:
+            settling_seeds = episode_seeds("training", config.final_settling_episodes, rng)
+            refined, steps = self._settled(refined, settling_seeds)
+            env_steps += steps
+        return env_steps + self._offer(refined, seeds)
 
     def _neighbours(
         self, seeds: NDArray[np.int64], rng: np.random.Generator
@@ -181,16 +187,34 @@ class Explorer:
         rng: np.random.Generator,
     ) -> tuple[int, int]:
         """Refine trees and offer what comes out; return their number and environment steps."""
+        refined, env_steps = self._tuned(trees, effort, rng)
+        return len(refined), env_steps + self._offer(refined, seeds)
+
+    def _tuned(
+        self, trees: Sequence[DecisionTree], effort: Effort, rng: np.random.Generator
+    ) -> tuple[list[DecisionTree], int]:
+        """Return what refinement makes of trees, snapped, and environment steps."""
+        tuned = self._refiner.tune(trees, rng.spawn(len(trees)), effort) if trees else []
+        return [self._snapped(one.tree) for one in tuned], sum(one.env_steps for one in tuned)
+
+    def _settled(
+        self, trees: Sequence[DecisionTree], seeds: NDArray[np.int64]
+    ) -> tuple[list[DecisionTree], int]:
+        """Return trees on the best constants near by, and environment steps."""
+        grammar = self._evolution.tables.grammar
+        settled = [settle(tree, grammar, lambda some: self._evolution.measure(some, seeds)) for tree in trees]
+        return [tree for tree, _ in settled], sum(steps for _, steps in settled)
+
+    def _offer(self, trees: Sequence[DecisionTree], seeds: NDArray[np.int64]) -> int:
+        """Offer refined trees to the hall of fame; return the environment steps that their fitness took."""
         if not trees:
-            return 0, 0
-        tuned = self._refiner.tune(trees, rng.spawn(len(trees)), effort)
-        refined = [self._snapped(one.tree) for one in tuned]
-        measured = self._evolution.measure(Forest.stack(refined), seeds)
+            return 0
+        measured = self._evolution.measure(Forest.stack(trees), seeds)
         self._hall.offer(
             Contender(tree, float(fitness), NEIGHBOUR)
-            for tree, fitness in zip(refined, measured.fitness, strict=True)
+            for tree, fitness in zip(trees, measured.fitness, strict=True)
         )
-        return len(refined), sum(one.env_steps for one in tuned) + measured.env_steps
+        return measured.env_steps
 
     def _snapped(self, tree: DecisionTree) -> DecisionTree:
         if not self._snaps:

@@ -219,6 +219,20 @@ def test_at_the_end_the_best_of_each_size_are_refined_once_more(evolution, hall)
     assert (explores.finish(np.arange(5)), refiner.asked) == (0, [])
 
 
+@pytest.mark.parametrize(("snaps", "episodes"), [(True, 40), (True, 0), (False, 40)])
+def test_at_the_end_snapped_thresholds_are_moved_to_better_constants_near_by(evolution, snaps, episodes):
+    route = CountingRoute(evolution.route)
+    hall = HallOfFame(route, np.arange(20), keep=3, max_nodes=3)
+    hall.offer([Contender(POOR, 40.0, POPULATION)])
+    settles = {"final_keep": 1, "final_settling_episodes": episodes}
+    explores, _ = explorer(replace(evolution, route=route), hall, snaps=snaps, **settles)
+    at_the_end = explores.finish(np.arange(5))
+    # The refiner claims 7 steps that the route does not see.
+    assert at_the_end + hall.env_steps == route.env_steps + 7
+    # All trees that differ in the one threshold by up to four constants are tried.
+    assert (6 in route.batches) == (snaps and episodes > 0)
+
+
 def test_migrants_take_the_places_of_the_least_fit_and_never_of_fitter_ones(evolution, hall):
     generation = evolution.first()
     least = np.argsort(generation.fitness, kind="stable")[:6]
