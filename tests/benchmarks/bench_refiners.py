@@ -1,6 +1,6 @@
 """What one refinement brings, by which part of the method: the same trees, refined in many ways.
 
-    python tests/benchmarks/bench_refiners.py                  # half an hour an environment, on one core
+    python tests/benchmarks/bench_refiners.py                  # some ten minutes an environment, on one core
 
 One tree from each of 20 runs (seeds 20 to 39) of Grammatical Evolution alone, a random one of those that may be
 refined, after few generations. Each variant refines all of them; before and after are means over 1,000 episodes that
