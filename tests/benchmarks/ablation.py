@@ -46,7 +46,13 @@ EXPLORE_NOTHING = ("hall of fame only keeps", "no refinement at all (GE alone)")
 # Parts that one environment alone has. Short runs leave the last refinement out, so it is put back here.
 ALSO = {
     "cartpole": {"with the last refinement": ["hall_of_fame.final_keep=8"]},
-    "mountaincar": {"with the last refinement": ["hall_of_fame.final_keep=2"]},
+    "mountaincar": {
+        "with the last refinement": ["hall_of_fame.final_keep=2"],
+        "with the last refinement, at the nearest constants": [
+            "hall_of_fame.final_keep=2",
+            "hall_of_fame.final_settling_episodes=0",
+        ],
+    },
     "acrobot": {
         "with the last refinement": ["hall_of_fame.final_keep=4"],
         "no thresholds moved one by one": ["refiner.cmaes.moves=0"],
