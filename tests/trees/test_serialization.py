@@ -5,48 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from documents_for_tests import DOCUMENT, LABELS, TEXT
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import renumbered_trees
 
-from ge_torchrl.errors import ArtefactError, InvalidTreeError
+from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.decision_tree import DecisionTree
-from ge_torchrl.trees.labels import TreeLabels
-from ge_torchrl.trees.serialization import TreeDocument, from_json, read_tree, to_json, write_tree
+from ge_torchrl.trees.serialization import TreeDocument, from_json, to_json
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
-
-LABELS = TreeLabels(
-    environment="CartPole-v1",
-    features=("x", "x_dot", "theta", "theta_dot"),
-    units=("m", "m/s", "rad", "rad/s"),
-    actions=("left", "right"),
-)
-DOCUMENT = TreeDocument(
-    tree=split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1)),
-    labels=LABELS,
-    provenance={"seed": 3, "returns": {"test": 499.8, "episodes": [1, 2]}},
-)
-TEXT = """\
-{
-  "format": "ge_torchrl.tree/1",
-  "environment": {
-    "id": "CartPole-v1",
-    "features": ["x", "x_dot", "theta", "theta_dot"],
-    "units": ["m", "m/s", "rad", "rad/s"],
-    "actions": ["left", "right"]
-  },
-  "feature": [2, 3, -1, -1, -1],
-  "threshold": [0.0154, 0.229, 0.0, 0.0, 0.0],
-  "children_left": [1, 2, -1, -1, -1],
-  "children_right": [4, 3, -1, -1, -1],
-  "action": [-1, -1, 0, 1, 1],
-  "provenance": {
-    "returns": {"episodes": [1, 2], "test": 499.8},
-    "seed": 3
-  }
-}
-"""
 
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.integers(-2, 6),
@@ -258,58 +226,3 @@ def test_provenance_that_is_no_json_is_refused_at_birth(provenance):
 def test_a_tree_that_the_environment_cannot_run_is_refused_at_birth():
     with pytest.raises(InvalidTreeError, match="has actions 0 to 1, not 2"):
         TreeDocument(leaf(2), LABELS)
-
-
-def test_file_round_trip(tmp_path):
-    path = tmp_path / "best.json"
-    write_tree(path, DOCUMENT)
-    assert path.read_bytes() == TEXT.encode()
-    assert read_tree(path) == DOCUMENT
-    assert read_tree(str(path)) == DOCUMENT
-
-
-def test_a_file_is_replaced_and_nothing_else_stays(tmp_path):
-    path = tmp_path / "best.json"
-    path.write_text("old")
-    write_tree(path, DOCUMENT)
-    assert read_tree(path) == DOCUMENT
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_failed_write_leaves_the_old_file_alone(tmp_path, monkeypatch):
-    path = tmp_path / "best.json"
-    path.write_text("old")
-
-    def full_disk(_self, _target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full_disk)
-    with pytest.raises(ArtefactError, match=r"best\.json: cannot write the tree: No space left on device"):
-        write_tree(path, DOCUMENT)
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_missing_folder_is_refused(tmp_path):
-    with pytest.raises(ArtefactError, match="cannot write the tree: No such file"):
-        write_tree(tmp_path / "missing" / "best.json", DOCUMENT)
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(ArtefactError, match=r"missing\.json: cannot read the tree: No such file"):
-        read_tree(tmp_path / "missing.json")
-
-
-def test_a_folder_is_no_tree(tmp_path):
-    with pytest.raises(ArtefactError, match="cannot read the tree"):
-        read_tree(tmp_path)
-
-
-def test_a_file_with_an_error_is_named(tmp_path):
-    path = tmp_path / "best.json"
-    path.write_text("{}")
-    with pytest.raises(InvalidTreeError, match=r"best\.json: format: expected"):
-        read_tree(path)
-    path.write_bytes(b"\xff\xfe")
-    with pytest.raises(InvalidTreeError, match=r"best\.json: expected JSON in UTF-8"):
-        read_tree(path)
