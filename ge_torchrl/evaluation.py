@@ -16,7 +16,13 @@ from ge_torchrl.environments.spec import EnvironmentSpec, describe
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.records import Summary
 from ge_torchrl.report.closing import EvaluationSummary
-from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluatedTree, SweepEvaluation
+from ge_torchrl.report.evaluated import (
+    EvaluatedMethod,
+    EvaluatedRun,
+    EvaluatedTree,
+    SweepEvaluation,
+    ValidatedTree,
+)
 from ge_torchrl.report.methods import METHODS, method_of
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.decision_tree import DecisionTree
@@ -76,8 +82,7 @@ def evaluate_runs(
     """Test the trees of all finished runs below a folder on the same episodes, as `evaluate` tests one.
 
     Each run validated its trees on episodes of its own, so that these means do not tell which run's tree of a size is
-    best. Where several runs kept a hall of fame, all trees are validated once more, on as many episodes as the test
-    has, the same for all.
+    best. The trees of halls of fame are validated once more, on as many episodes as the test has, the same for all.
 
     Args:
         folder: The folder, with runs at any depth: of each the champion and its hall of fame, if it kept one.
@@ -194,20 +199,20 @@ def _evaluate_task(
     spec = runs[0].spec
     # A champion stands in its hall of fame too, and small trees are found again and again.
     trees = list(dict.fromkeys(tree for run in runs for tree in run.trees))
-    forest = Forest.stack(trees)
+    rivals = list(dict.fromkeys(tree for run in runs for tree in run.by_size))
     opened = open_route(spec, route)
     try:
-        returns = opened.evaluate(forest, seeds).returns
-        validation_means = (
-            opened.evaluate(forest, validation_seeds).returns.mean(axis=1).tolist()
-            if sum(len(run.by_size) > 0 for run in runs) > 1
-            else [None] * len(trees)
-        )
+        returns = opened.evaluate(Forest.stack(trees), seeds).returns
+        validated = opened.evaluate(Forest.stack(rivals), validation_seeds).returns if rivals else ()
     finally:
         opened.close()
-    measured = {
-        tree: EvaluatedTree(tree.n_decision_nodes, validation_mean, float(of.mean()), float(of.std()))
-        for tree, of, validation_mean in zip(trees, returns, validation_means, strict=True)
+    tested = {
+        tree: EvaluatedTree(tree.n_decision_nodes, float(of.mean()), float(of.std()))
+        for tree, of in zip(trees, returns, strict=True)
+    }
+    compared = {
+        tree: ValidatedTree(**vars(tested[tree]), validation_mean=float(of.mean()))
+        for tree, of in zip(rivals, validated, strict=True)
     }
     for method, alike in groupby(runs, key=lambda run: run.method):
         yield EvaluatedMethod(
@@ -216,17 +221,21 @@ def _evaluate_task(
             max_episode_steps=spec.max_episode_steps,
             solved_at=spec.solved_at,
             route=opened.name,
-            runs=tuple(_evaluated(run, measured) for run in alike),
+            runs=tuple(_evaluated(run, tested, compared) for run in alike),
         )
 
 
-def _evaluated(run: _Candidates, measured: Mapping[DecisionTree, EvaluatedTree]) -> EvaluatedRun:
+def _evaluated(
+    run: _Candidates,
+    tested: Mapping[DecisionTree, EvaluatedTree],
+    compared: Mapping[DecisionTree, ValidatedTree],
+) -> EvaluatedRun:
     return EvaluatedRun(
         path=str(run.path),
         seed=run.summary.seed,
         wall_seconds=run.summary.wall_seconds,
-        chosen=measured[run.chosen],
-        by_size=tuple(measured[tree] for tree in run.by_size),
+        chosen=tested[run.chosen],
+        by_size=tuple(compared[tree] for tree in run.by_size),
     )
 
 

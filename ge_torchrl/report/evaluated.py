@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,21 +21,24 @@ class EvaluatedTree:
 
     Attributes:
         decision_nodes: Its size.
-        validation_mean: Its mean return on validation episodes that are the same for all runs, and choose among them;
-            None where there is no choice, because fewer than two runs kept a hall of fame.
         mean: Its mean return.
         std: Standard deviation of its returns.
     """
 
     decision_nodes: int
-    validation_mean: float | None
     mean: float
     std: float
 
-    @property
-    def rank(self) -> float:
-        """By what it is chosen among the trees of several runs: the greatest is best."""
-        return -math.inf if self.validation_mean is None else self.validation_mean
+
+@dataclass(frozen=True)
+class ValidatedTree(EvaluatedTree):
+    """One tree of a hall of fame, beside those of other runs.
+
+    Attributes:
+        validation_mean: Its mean return on validation episodes, the same for all runs, which choose among them.
+    """
+
+    validation_mean: float
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class EvaluatedRun:
     seed: int
     wall_seconds: float
     chosen: EvaluatedTree
-    by_size: tuple[EvaluatedTree, ...]
+    by_size: tuple[ValidatedTree, ...]
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ class EvaluatedMethod:
         rows = []
         for size in sorted({tree.decision_nodes for _, tree in trees}):
             found = [(seed, tree) for seed, tree in trees if tree.decision_nodes == size]
-            validated_seed, validated = max(found, key=lambda pair: pair[1].rank)
+            validated_seed, validated = max(found, key=lambda pair: pair[1].validation_mean)
             best_seed, best = max(found, key=lambda pair: pair[1].mean)
             median = float(np.median([tree.mean for _, tree in found]))
             rows.append(

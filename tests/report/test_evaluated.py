@@ -2,28 +2,34 @@ import json
 
 import pytest
 
-from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluatedTree, SweepEvaluation
+from ge_torchrl.report.evaluated import (
+    EvaluatedMethod,
+    EvaluatedRun,
+    EvaluatedTree,
+    SweepEvaluation,
+    ValidatedTree,
+)
 
 RUNS = (
     EvaluatedRun(
         "a",
         2,
         41.23,
-        EvaluatedTree(2, 499.0, 490.0, 1.5),
-        (EvaluatedTree(1, 200.0, 210.0, 9.0), EvaluatedTree(2, 499.0, 490.0, 1.5)),
+        EvaluatedTree(2, 490.0, 1.5),
+        (ValidatedTree(1, 210.0, 9.0, 200.0), ValidatedTree(2, 490.0, 1.5, 499.0)),
     ),
     EvaluatedRun(
         "b",
         7,
         100.0,
-        EvaluatedTree(3, 500.0, 470.0, 20.0),
+        EvaluatedTree(3, 470.0, 20.0),
         (
-            EvaluatedTree(1, 205.0, 190.0, 9.0),
-            EvaluatedTree(2, 480.0, 495.0, 1.5),
-            EvaluatedTree(3, 500.0, 470.0, 20.0),
+            ValidatedTree(1, 190.0, 9.0, 205.0),
+            ValidatedTree(2, 495.0, 1.5, 480.0),
+            ValidatedTree(3, 470.0, 20.0, 500.0),
         ),
     ),
-    EvaluatedRun("c", 8, 5.0, EvaluatedTree(12, 500.0, 475.0, 0.0), ()),
+    EvaluatedRun("c", 8, 5.0, EvaluatedTree(12, 475.0, 0.0), ()),
 )
 
 
