@@ -1,0 +1,301 @@
+"""A backend runs trees in one environment: what it is asked, what it answers, and the one ledger of its steps."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ge_torchrl.environments.spec import EnvironmentSpec
+
+if TYPE_CHECKING:
+    from ge_torchrl.trees.forest import Forest
+    from ge_torchrl.trees.tree import DecisionTree
+
+_Result = TypeVar("_Result")
+
+# A sign of life is given at most this often [s].
+_BEAT_SECONDS = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """What `P` trees did in `E` episodes.
+
+    Attributes:
+        returns: [P, E] float64, the return of each episode; NaN for an individual without a tree.
+        lengths: [P, E] int64, its number of steps; 0 for an individual without a tree.
+        leaf_visits: [L] int64, how often each leaf of the forest decided, where that was asked for.
+    """
+
+    returns: NDArray[np.float64]
+    lengths: NDArray[np.int64]
+    leaf_visits: NDArray[np.int64] | None = None
+
+    @classmethod
+    def empty(cls, n_trees: int, n_episodes: int, n_leaves: int | None = None) -> Self:
+        """Return outcomes of nothing run yet; `n_leaves` of the whole forest where visits are counted."""
+        return cls(
+            returns=np.full((n_trees, n_episodes), np.nan),
+            lengths=np.zeros((n_trees, n_episodes), np.int64),
+            leaf_visits=None if n_leaves is None else np.zeros(n_leaves, np.int64),
+        )
+
+    @property
+    def env_steps(self) -> int:
+        """Environment steps taken in all episodes together."""
+        return int(self.lengths.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One episode of one tree, step by step.
+
+    Attributes:
+        observations: [T + 1, D] float32, from the reset to what the last step gave.
+        actions: [T] int64.
+        rewards: [T] float64.
+        terminated: Whether the task ended the episode.
+        truncated: Whether the episode reached its limit.
+    """
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.int64]
+    rewards: NDArray[np.float64]
+    terminated: bool
+    truncated: bool
+
+
+class SoftForest(NamedTuple):
+    """`R` trees whose decisions and leaves are random, padded to `M` splits and `L` leaves; padding is never reached.
+
+    Split `m` goes left with probability `sigma(alpha (threshold - x))`. With an infinite `alpha` it is the hard split.
+
+    Attributes:
+        feature: [R, M] int32.
+        threshold: [R, M] float32.
+        alpha: [R, M] float64, steepness of each split by one unit of its feature.
+        children_left: [R, M] int32, as in `DecisionTree`: a split, or `~leaf`.
+        children_right: [R, M] int32, likewise.
+        probabilities: [R, L, A] float64, each leaf's probability of each action.
+    """
+
+    feature: NDArray[np.int32]
+    threshold: NDArray[np.float32]
+    alpha: NDArray[np.float64]
+    children_left: NDArray[np.int32]
+    children_right: NDArray[np.int32]
+    probabilities: NDArray[np.float64]
+
+
+class Samples(NamedTuple):
+    """`T` consecutive steps of each of `R` streams of episodes.
+
+    Attributes:
+        observations: [R, T, D] float32, what the action was chosen on.
+        actions: [R, T] int64.
+        rewards: [R, T] float32.
+        next_observations: [R, T, D] float32, before any reset.
+        terminated: [R, T] bool, the task ended the episode.
+        truncated: [R, T] bool, the episode reached its limit.
+        episode_returns: [R, T] float32, its rewards so far; the return of the episode where it ends.
+    """
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.int64]
+    rewards: NDArray[np.float32]
+    next_observations: NDArray[np.float32]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    episode_returns: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How far a run may go.
+
+    Attributes:
+        deadline: The moment on the clock of `time.perf_counter` [s].
+        max_env_steps: Environment steps of all purposes together; None for no limit.
+    """
+
+    deadline: float = math.inf
+    max_env_steps: int | None = None
+
+
+class LimitReachedError(Exception):
+    """A run has come to its limit: not a fault, but the end of what it may do.
+
+    Attributes:
+        reason: The setting that says so.
+    """
+
+    def __init__(self, reason: Literal["max_seconds", "max_env_steps"]) -> None:
+        super().__init__(f"ge.{reason} is reached")
+        self.reason = reason
+
+
+class Ledger:
+    """The one count of environment steps, with the limit on them and the sign of life.
+
+    It may be written from any thread. Signs of life are given in the thread that made the ledger.
+
+    Attributes:
+        steps: Environment steps by purpose.
+        limit: How far the run may go; None for no limit.
+        on_steps: Called with the number of all steps so far, every second or more often while steps are made.
+    """
+
+    def __init__(self) -> None:
+        self.steps: Counter[str] = Counter()
+        self.limit: Limit | None = None
+        self.on_steps: Callable[[int], None] = _say_nothing
+        self._lock = threading.Lock()
+        self._thread = threading.get_ident()
+        self._last_beat = -math.inf
+
+    def check(self) -> None:
+        """Say that the run goes on.
+
+        Raises:
+            LimitReachedError: It may not.
+        """
+        limit = self.limit
+        if limit is not None:
+            if time.perf_counter() >= limit.deadline:
+                raise LimitReachedError("max_seconds")
+            if limit.max_env_steps is not None and self.steps.total() >= limit.max_env_steps:
+                raise LimitReachedError("max_env_steps")
+        self.beat()
+
+    def count(self, purpose: str, n_steps: int) -> None:
+        """Add steps that were made."""
+        with self._lock:
+            self.steps[purpose] += n_steps
+        self.beat()
+
+    def beat(self) -> None:
+        """Give a sign of life where one is due."""
+        now = time.perf_counter()
+        if now - self._last_beat >= _BEAT_SECONDS and threading.get_ident() == self._thread:
+            self._last_beat = now
+            self.on_steps(self.steps.total())
+
+    @property
+    def steps_left(self) -> float:
+        """Steps until `max_env_steps`, infinite without one."""
+        if self.limit is None or self.limit.max_env_steps is None:
+            return math.inf
+        return self.limit.max_env_steps - self.steps.total()
+
+
+def _say_nothing(_n_steps: int) -> None:
+    pass
+
+
+class Accountable:
+    """What has a ledger, and shows its parts as its own.
+
+    Args:
+        ledger: Another's, where the steps are counted together; None for a new one.
+    """
+
+    def __init__(self, ledger: Ledger | None = None) -> None:
+        self.ledger = Ledger() if ledger is None else ledger
+
+    @property
+    def steps(self) -> Counter[str]:
+        """Environment steps by purpose."""
+        return self.ledger.steps
+
+    @property
+    def limit(self) -> Limit | None:
+        """How far the run may go."""
+        return self.ledger.limit
+
+    @limit.setter
+    def limit(self, limit: Limit | None) -> None:
+        self.ledger.limit = limit
+
+    @property
+    def on_steps(self) -> Callable[[int], None]:
+        """What is called with the number of all steps so far, as a sign of life."""
+        return self.ledger.on_steps
+
+    @on_steps.setter
+    def on_steps(self, on_steps: Callable[[int], None]) -> None:
+        self.ledger.on_steps = on_steps
+
+
+class Sampler(Protocol):
+    """One endless stream of episodes for each of `R` soft trees; an episode that a call cuts goes on in the next."""
+
+    def sample(self, soft: SoftForest, n_steps: int, purpose: str) -> Samples:
+        """Take the next `n_steps` steps of each stream, and count them."""
+        ...
+
+
+class Backend(Protocol):
+    """Runs trees in one environment. The result of an episode depends on its tree and its seed alone.
+
+    Every call counts its steps in the ledger under its purpose and holds the limit.
+
+    Attributes:
+        name: "kernel" or "gymnasium".
+        spec: The environment.
+        ledger: Where others count the steps that they make in the environment by themselves.
+        steps_per_second: How fast it runs small trees, measured once at the start; not in the ledger.
+        limit: How far the run may go; None for no limit.
+        on_steps: Called with the number of all steps so far, every second or more often while steps are made.
+    """
+
+    name: str
+    spec: EnvironmentSpec
+    ledger: Ledger
+    steps_per_second: float
+    limit: Limit | None
+    on_steps: Callable[[int], None]
+
+    @property
+    def steps(self) -> Counter[str]:
+        """Environment steps by purpose."""
+        ...
+
+    def evaluate(
+        self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
+    ) -> Outcomes:
+        """Run every tree on the episodes that `reset(seed=s)` begins, for each `s` of `seeds` [E].
+
+        Raises:
+            LimitReachedError: The run is at its limit, or came to it here.
+        """
+        ...
+
+    def sampler(self, rngs: Sequence[np.random.Generator]) -> Sampler | None:
+        """Return streams [R] of training episodes, or None where only TorchRL can sample the environment."""
+        ...
+
+    def observe(
+        self, trees: Sequence[DecisionTree], n_steps: int, rngs: Sequence[np.random.Generator], purpose: str
+    ) -> NDArray[np.float32]:
+        """Return [R, T, D], what each tree sees in `n_steps` steps of training episodes that its own rng draws."""
+        ...
+
+    def record(self, tree: DecisionTree, seed: int) -> Trajectory:
+        """Return one episode, step by step, counted under "record"."""
+        ...
+
+    def run_jobs(self, jobs: Sequence[Callable[[Backend], _Result]]) -> list[_Result]:
+        """Run independent jobs, side by side where that pays, each with a backend of its own; return their results."""
+        ...
+
+    def close(self) -> None:
+        """Release threads, processes and environments."""
+        ...
