@@ -1,0 +1,205 @@
+"""The folder of a run, in and out: YAML, JSON and JSON lines, nothing that executes when read.
+
+| file | content |
+|---|---|
+| `config.yaml` | the run's whole configuration |
+| `history.jsonl` | a `GenerationRecord` for each generation |
+| `refinements.jsonl` | a `RefinementRecord` for each tree that the refiner refined |
+| `best_tree.json` | the champion, pruned |
+| `best_tree_full.json` | the champion as its genotype maps to it |
+| `best_tree.txt` | the pruned champion for a person |
+| `archive.jsonl` | an `ArchiveRecord` for each number of decision nodes |
+| `archive/03.json` | the best tree with 3 decision nodes, pruned; likewise for the other sizes |
+| `summary.json` | the `Summary`; a folder that holds it is a finished run |
+
+The history and the refinements grow line by line. Every other file is there whole or not at all, and may be written
+again while a run goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Self
+
+import yaml
+
+from ge_torchrl.artefacts.lines import RecordWriter, read_record, read_records, to_json
+from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
+from ge_torchrl.artefacts.texts import read_text, try_to_write, write_text, write_whole
+from ge_torchrl.config import Config
+from ge_torchrl.errors import ArtefactError
+from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.files import read_controller, write_controller
+
+CONFIG, HISTORY, REFINEMENTS, SUMMARY = "config.yaml", "history.jsonl", "refinements.jsonl", "summary.json"
+BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT = "best_tree.json", "best_tree_full.json", "best_tree.txt"
+ARCHIVE, ARCHIVE_TREES = "archive.jsonl", "archive"
+
+
+class RunFolder:
+    """The folder of one run.
+
+    Args:
+        path: The folder; `create` makes it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def create(cls, path: Path, config: Config) -> Self:
+        """Make the folder and write the configuration into it.
+
+        Args:
+            path: The folder; it may exist, but must hold no run.
+            config: The run's configuration.
+
+        Raises:
+            ArtefactError: The folder holds a run already, or cannot be written.
+        """
+        if (path / SUMMARY).exists() or (path / HISTORY).exists():
+            raise ArtefactError(
+                f"hydra.run.dir must be a folder without a run, so that nothing is lost; {path} holds one already"
+            )
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ArtefactError(f"the run folder {path} cannot be written: {error.strerror}") from error
+        folder = cls(path)
+        folder.write_config(config)
+        return folder
+
+    def history_writer(self) -> RecordWriter:
+        """Open the history for writing, record by record."""
+        return RecordWriter(self.path / HISTORY)
+
+    def refinements_writer(self) -> RecordWriter:
+        """Open the refinements for writing, record by record."""
+        return RecordWriter(self.path / REFINEMENTS)
+
+    def write_config(self, config: Config) -> None:
+        """Write the configuration, again where the run has measured what was left open."""
+        text = yaml.safe_dump(config.as_mapping(), sort_keys=False, allow_unicode=True)
+        write_text(self.path / CONFIG, text)
+
+    def write_trees(self, pruned: Controller, full: Controller, text: str) -> None:
+        """Write the champion, as a file, in full, and for a person."""
+        _write_tree(self.path / BEST_TREE, pruned)
+        _write_tree(self.path / BEST_TREE_FULL, full)
+        write_text(self.path / BEST_TREE_TEXT, text)
+
+    def write_archive(self, members: Sequence[tuple[ArchiveRecord, Controller]]) -> None:
+        """Write the best trees of all sizes, first their files and then the table that names them.
+
+        Args:
+            members: From small to large, one of a size. Files of sizes that are not among them are removed.
+        """
+        try_to_write(self.path / ARCHIVE_TREES, lambda path: path.mkdir(exist_ok=True))
+        paths = [self._archive_tree(record.decision_nodes) for record, _ in members]
+        for path, (_, controller) in zip(paths, members, strict=True):
+            _write_tree(path, controller)
+        write_text(self.path / ARCHIVE, "".join(to_json(record) for record, _ in members))
+        for stale in set((self.path / ARCHIVE_TREES).glob("*.json")).difference(paths):
+            try_to_write(stale, Path.unlink)
+
+    def write_summary(self, summary: Summary) -> None:
+        """Write the summary, the last file of a run."""
+        write_text(self.path / SUMMARY, to_json(summary, indent=2))
+
+    def read_config(self) -> Config:
+        """Read the configuration.
+
+        Raises:
+            ArtefactError: There is none, or it is not YAML.
+            ConfigError: It is not a configuration.
+        """
+        try:
+            values = yaml.safe_load(read_text(self.path / CONFIG))
+        except yaml.YAMLError as error:
+            raise ArtefactError(f"{self.path / CONFIG} is not YAML: {error}") from error
+        return Config.from_mapping(values)
+
+    def read_history(self) -> list[GenerationRecord]:
+        """Read all generations.
+
+        Raises:
+            ArtefactError: There is no history, or a line is not a record.
+        """
+        return read_records(GenerationRecord, self.path / HISTORY)
+
+    def read_refinements(self) -> list[RefinementRecord]:
+        """Read all refinements.
+
+        Raises:
+            ArtefactError: There is no such file, or a line is not a record.
+        """
+        return read_records(RefinementRecord, self.path / REFINEMENTS)
+
+    def read_archive(self) -> list[ArchiveRecord]:
+        """Read the table of the best trees, from small to large; it is empty where the run kept none.
+
+        Raises:
+            ArtefactError: A line is not a record.
+        """
+        path = self.path / ARCHIVE
+        return read_records(ArchiveRecord, path) if path.exists() else []
+
+    def read_archive_tree(self, decision_nodes: int) -> Controller:
+        """Read the best tree with so many decision nodes.
+
+        Raises:
+            ArtefactError: The run has no archive, or no tree of that size in it.
+            InvalidTreeError: The file holds no valid tree.
+        """
+        sizes = [record.decision_nodes for record in self.read_archive()]
+        if not sizes:
+            raise ArtefactError(
+                f"{self.path} must hold an archive, as archive.keep above 0 makes it, to give a tree with "
+                f"{decision_nodes} decision nodes; it holds none"
+            )
+        if decision_nodes not in sizes:
+            raise ArtefactError(
+                f"the number of decision nodes must be one of {', '.join(map(str, sizes))}, because the archive of "
+                f"{self.path} has these; got {decision_nodes}"
+            )
+        return read_controller(self._archive_tree(decision_nodes))
+
+    def read_summary(self) -> Summary:
+        """Read the summary.
+
+        Raises:
+            ArtefactError: There is none, or it is not one.
+        """
+        return read_record(Summary, self.path / SUMMARY)
+
+    def read_best_tree(self) -> Controller:
+        """Read the pruned champion.
+
+        Raises:
+            ArtefactError: There is none.
+            InvalidTreeError: The file holds no valid tree.
+        """
+        return read_controller(self.path / BEST_TREE)
+
+    def read_best_tree_full(self) -> Controller:
+        """Read the champion as its genotype maps to it.
+
+        Raises:
+            ArtefactError: There is none.
+            InvalidTreeError: The file holds no valid tree.
+        """
+        return read_controller(self.path / BEST_TREE_FULL)
+
+    def _archive_tree(self, decision_nodes: int) -> Path:
+        return self.path / ARCHIVE_TREES / f"{decision_nodes:02}.json"
+
+
+def find_runs(folder: Path) -> Iterator[RunFolder]:
+    """Yield the finished runs in a folder and below it, in the order of their paths."""
+    for path in sorted(folder.rglob(SUMMARY)):
+        yield RunFolder(path.parent)
+
+
+def _write_tree(path: Path, controller: Controller) -> None:
+    write_whole(path, lambda beside: write_controller(beside, controller))
