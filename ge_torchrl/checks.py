@@ -1,131 +1,156 @@
-"""Checks of a frozen record's fields: type and range, in one form of words.
+"""What a value may be: one rule, one check, and one form of words for what is refused.
 
-Each function checks one field of `record` and normalises what is only another spelling: an integral float
-becomes an int (people type 1e6), an int a float where a float belongs, a list of texts a tuple. Whatever else
-came is refused with a `ConfigError` that names the full key, what was expected, why, and what came. A
-record's `SECTION` begins its keys.
+A rule states type and range. `checked` normalises what is only another spelling: an integral float becomes an int
+(people type 1e6), an int a float where a float belongs, a list a tuple. Whatever else came is refused with a
+`ConfigError` that names the key, what was expected, why, and what came.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any, ClassVar, NoReturn, Protocol
+from typing import Any, Literal, NoReturn
 
 from ge_torchrl.errors import ConfigError
 
 UNSET = "???"
 """The value of a key that somebody still has to fill in, as OmegaConf and YAML files write it."""
 
-
-class Record(Protocol):
-    """A frozen record whose fields have keys of the form `SECTION.field`."""
-
-    SECTION: ClassVar[str]
+Kind = Literal["integer", "number", "flag", "text"]
 
 
-def check_integer(record: Record, name: str, at_least: int, because: str, *, optional: bool = False) -> None:
-    """Refuse anything but an integer of at least `at_least`, or None where it is optional."""
-    value = getattr(record, name)
-    if optional and value is None:
-        return
-    if isinstance(value, float) and value.is_integer():
-        value = int(value)
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < at_least:
-        refuse(record, name, f"an integer of at least {at_least}{_or_null(optional)}", because)
-    _set(record, name, int(value))
+@dataclass(frozen=True)
+class Rule:
+    """Type and range of a value.
+
+    Attributes:
+        kind: What one value is.
+        many: Whether a list of such values is meant.
+        optional: Whether null is allowed too.
+        at_least: The smallest number allowed.
+        above: Numbers have to be larger than this.
+        at_most: The largest number allowed.
+        choices: The texts allowed; empty allows any that is not blank.
+        distinct: Whether the texts of a list have to differ, and none may be blank.
+        because: Why; empty where the range speaks for itself.
+        text: What a text is, such as "a Gymnasium id such as CartPole-v1".
+        renamed: Former texts and what they are called now.
+    """
+
+    kind: Kind
+    many: bool = False
+    optional: bool = False
+    at_least: float = -math.inf
+    above: float = -math.inf
+    at_most: float = math.inf
+    choices: tuple[str, ...] = ()
+    distinct: bool = False
+    because: str = ""
+    text: str = "a text"
+    renamed: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def expected(self) -> str:
+        """What is allowed, in words that follow "must be"."""
+        one = self._expected_list() if self.many else self._expected_one()
+        return f"{one} or null" if self.optional else one
+
+    def _expected_one(self) -> str:
+        if self.kind == "flag":
+            return "true or false"
+        if self.kind == "text":
+            return f"one of {', '.join(self.choices)}" if self.choices else self.text
+        if self.kind == "integer":
+            return f"an integer{self._bounds()}"
+        return f"{'a number' if self.at_most < math.inf else 'a finite number'}{self._bounds()}"
+
+    def _expected_list(self) -> str:
+        if self.kind == "text":
+            return "a list of names that differ from each other" if self.distinct else "a list of texts"
+        return ("a list of integers" if self.kind == "integer" else "a list of numbers") + self._bounds()
+
+    def _bounds(self) -> str:
+        if self.at_most < math.inf:
+            return f" from {self.at_least:g} to {self.at_most:g}"
+        if self.above > -math.inf:
+            return f" above {self.above:g}"
+        return f" of at least {self.at_least:g}" if self.at_least > -math.inf else ""
+
+    def accepts(self, value: object) -> bool:
+        """Tell whether one value, or one entry of a list, is allowed."""
+        if self.kind == "flag":
+            return isinstance(value, bool)
+        if self.kind == "text":
+            return isinstance(value, str) and value != UNSET and self._accepts_text(value)
+        if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+            return False
+        number = float(value)
+        if self.kind == "integer" and not (isinstance(value, Integral) or number.is_integer()):
+            return False
+        return number > self.above and self.at_least <= number <= self.at_most
+
+    def _accepts_text(self, value: str) -> bool:
+        if self.choices:
+            return value in self.choices
+        return bool(value.strip()) or (self.many and not self.distinct)
+
+    def normalised(self, value: Any) -> Any:
+        """Return an allowed value in its one spelling."""
+        if self.kind in ("flag", "text"):
+            return value
+        return int(value) if self.kind == "integer" else float(value)
 
 
-def check_integers(record: Record, name: str, at_least: int, because: str) -> None:
-    """Refuse anything but a list of integers of at least `at_least`."""
-    value = getattr(record, name)
+def checked(key: str, value: object, rule: Rule) -> Any:
+    """Return the value in its one spelling.
+
+    Args:
+        key: What the user calls it, such as `ge.population_size`.
+        value: What came.
+        rule: What is allowed.
+
+    Raises:
+        ConfigError: The rule does not allow the value.
+    """
+    if rule.optional and value is None:
+        return None
+    if not rule.many:
+        if not rule.accepts(value):
+            refuse(key, value, rule.expected, rule.because, _now_called(value, rule))
+        return rule.normalised(value)
     is_list = isinstance(value, Sequence) and not isinstance(value, str)
-    if not is_list or not all(_is_integer(number) and number >= at_least for number in value):
-        refuse(record, name, f"a list of integers of at least {at_least}", because)
-    _set(record, name, tuple(int(number) for number in value))
+    entries: Iterable[object] = value if is_list else ()  # type: ignore[assignment]
+    entries = tuple(entries)
+    if (
+        not is_list
+        or not all(map(rule.accepts, entries))
+        or (rule.distinct and len(set(entries)) < len(entries))
+    ):
+        refuse(key, value, rule.expected, rule.because)
+    return tuple(map(rule.normalised, entries))
 
 
-def check_number(
-    record: Record,
-    name: str,
-    *,
-    above: float = -math.inf,
-    at_least: float = -math.inf,
-    optional: bool = False,
-) -> None:
-    """Refuse anything but a finite number above `above` and of at least `at_least`, or None where optional."""
-    value = getattr(record, name)
-    if optional and value is None:
-        return
-    if not _is_number(value) or not math.isfinite(value) or value <= above or value < at_least:
-        bounds = [f" above {above:g}"] * (above > -math.inf) + [f" of at least {at_least:g}"] * (
-            at_least > -math.inf
-        )
-        refuse(record, name, f"a finite number{''.join(bounds)}{_or_null(optional)}")
-    _set(record, name, float(value))
+def _now_called(value: object, rule: Rule) -> str:
+    successor = dict(rule.renamed).get(value) if isinstance(value, str) else None
+    return f"{value} is now called {successor}" if successor else ""
 
 
-def check_probability(record: Record, name: str, because: str = "it is a probability") -> None:
-    """Refuse anything but a number from 0 to 1."""
-    value = getattr(record, name)
-    if not _is_number(value) or not 0 <= value <= 1:
-        refuse(record, name, "a number from 0 to 1", because)
-    _set(record, name, float(value))
+def refuse(key: str, value: object, expected: str, because: str = "", hint: str = "") -> NoReturn:
+    """Raise the error that says what a value should be and what it is.
 
+    Args:
+        key: What the user calls it.
+        value: What came.
+        expected: What is allowed, in words that follow "must be".
+        because: Why.
+        hint: What the user could do, such as "type ge.tournament_size=10".
 
-def check_flag(record: Record, name: str) -> None:
-    """Refuse anything but True and False."""
-    if not isinstance(getattr(record, name), bool):
-        refuse(record, name, "true or false")
-
-
-def check_text(record: Record, name: str, expected: str) -> None:
-    """Refuse anything but a text that is not blank."""
-    value = getattr(record, name)
-    if not isinstance(value, str) or not value.strip() or value == UNSET:
-        refuse(record, name, expected)
-
-
-def check_choice(record: Record, name: str, choices: Sequence[str]) -> None:
-    """Refuse anything but one of the choices."""
-    if getattr(record, name) not in choices:
-        refuse(record, name, f"one of {', '.join(choices)}" if len(choices) > 1 else choices[0])
-
-
-def check_names(record: Record, name: str, *, distinct: bool) -> None:
-    """Refuse anything but a sequence of texts, where `distinct` all different and none blank."""
-    value = getattr(record, name)
-    if isinstance(value, str) or not isinstance(value, Sequence):
-        refuse(record, name, "a list of texts")
-    if not all(isinstance(text, str) for text in value):
-        refuse(record, name, "a list of texts")
-    if distinct and (len(set(value)) < len(value) or not all(text.strip() for text in value)):
-        refuse(record, name, "names that differ from each other", "a tree is read by them")
-    _set(record, name, tuple(value))
-
-
-def refuse(record: Record, name: str, expected: str, because: str = "") -> NoReturn:
-    """Raise the error that says what the field should be and what it is."""
-    value = getattr(record, name)
-    key = f"{record.SECTION}.{name}" if record.SECTION else name
+    Raises:
+        ConfigError: Always.
+    """
     if isinstance(value, str) and value == UNSET:
         raise ConfigError(f"{key} has no value; expected {expected}; got nothing")
     reason = f", because {because}" if because else ""
     came = "null" if value is None else repr(value)
-    raise ConfigError(f"{key} must be {expected}{reason}; got {came}")
-
-
-def _is_integer(value: Any) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _or_null(optional: bool) -> str:
-    return " or null" if optional else ""
-
-
-def _set(record: Record, name: str, value: Any) -> None:
-    # Within __post_init__ a frozen record may still be completed; afterwards nobody writes to it.
-    object.__setattr__(record, name, value)
+    more = f"; {hint}" if hint else ""
+    raise ConfigError(f"{key} must be {expected}{reason}; got {came}{more}")

@@ -1,0 +1,86 @@
+"""The settings of the archive: the best trees of each number of decision nodes."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ge_torchrl.config.setting import Section, setting
+
+
+@dataclass(frozen=True)
+class ArchiveConfig(Section):
+    """The best trees of each number of decision nodes: how they are kept, and how the search goes on from them."""
+
+    SECTION: ClassVar[str] = "archive"
+
+    keep: int = setting(
+        8,
+        at_least=0,
+        because="it counts trees; 0 keeps no archive",
+        doc="Trees of each number of decision nodes that are kept until validation chooses, each of another structure; "
+        "0: no archive.",
+    )
+    episodes: int = setting(
+        1000,
+        at_least=1,
+        because="trees are kept by a mean over episodes",
+        doc="Episodes of its own that measure what is offered.",
+    )
+    max_nodes: int = setting(
+        8, at_least=0, because="a lone leaf has no decision node", doc="Decision nodes of the largest trees."
+    )
+    neighbours: int = setting(
+        26,
+        at_least=0,
+        because="it counts trees",
+        doc="Trees one or two edits away from kept ones that are proposed in a scheduled generation.",
+    )
+    neighbours_drawn: int = setting(
+        500,
+        at_least=1,
+        because="neighbours are chosen among those drawn",
+        doc="Neighbours drawn and measured on the training episodes, from which they are chosen.",
+    )
+    revisits: int = setting(
+        1,
+        at_least=0,
+        because="it counts trees",
+        doc="Kept trees that are proposed again in a scheduled generation.",
+    )
+    revisit_factor: int = setting(
+        5,
+        at_least=1,
+        because="a revisit measures at least as well as a first refinement",
+        doc="How many times the episodes and steps such a refinement takes.",
+    )
+    migrants: int = setting(
+        20,
+        at_least=0,
+        because="it counts individuals",
+        doc="Kept trees that take the places of the least fit individuals after a scheduled generation.",
+    )
+    final_keep: int = setting(
+        8,
+        at_least=0,
+        because="it counts trees",
+        doc="Kept trees of each number of decision nodes that are refined once more after evolution; 0: none.",
+    )
+    final_factor: int = setting(
+        20,
+        at_least=1,
+        because="it multiplies a budget",
+        doc="How many times the episodes and steps this takes.",
+    )
+    final_patience: int = setting(
+        1,
+        at_least=1,
+        because="it multiplies a budget",
+        doc="How many times the steps, but not the episodes, beyond that.",
+    )
+    final_step: float = setting(
+        1.0, above=0.0, doc="How many times the first step, where the method has one."
+    )
+
+    @property
+    def enabled(self) -> bool:
+        """Whether there is an archive."""
+        return self.keep > 0

@@ -1,0 +1,79 @@
+"""The keys that users type: which there are, and what became of those that are gone."""
+
+import difflib
+from collections.abc import Iterable
+
+from ge_torchrl.errors import ConfigError
+
+# A former section or key, and what stands in its place. A key that begins with a former section keeps its end.
+_SUCCESSORS = {
+    "hall_of_fame.enabled": "archive.keep, where 0 keeps no archive",
+    "hall_of_fame.final_settling_episodes": "polish.settling_episodes",
+    "hall_of_fame": "archive",
+    "refiner.cmaes": "polish",
+    "refiner.name": "refiner.method",
+    "refiner.ppo.source": "env.route",
+    "refiner.ppo.scale_features": "refiner.ppo.standardise",
+    "refiner.ppo.scale_critic": "refiner.ppo.standardise",
+    "refiner.ppo.leaf_scale": "refiner.ppo.leaf_logit, where null is the thesis' Eq. 3",
+    "env.lowest_fitness_excluded": "env.lowest_return",
+    "ge.parsimony_tolerance": "ge.parsimony, for individuals that are equally fit",
+}
+
+# What is gone without a successor, and why nobody needs it.
+_GONE = {
+    "ge.elites": "an offspring takes its parent's place only if it is fitter, so the best one stays",
+    "ge.replacement": "an offspring takes its parent's place if it is fitter",
+    "ge.single_choice_consumes": "a rule with a single production reads no codon",
+    "refiner.probability": "every tree that is chosen is refined",
+    "refiner.ppo.alpha_final": "refiner.ppo.alpha holds from the first update to the last",
+    "refiner.ppo.lr_thresholds": "refiner.ppo.lr_actor is the learning rate of the whole tree",
+}
+
+# Former groups of choices, and what to type instead.
+_FORMER_GROUPS = {
+    "hall_of_fame": "archive=explored or archive=none",
+    "ge": "env=NAME, which brings its settings along, or a key such as ge.generations=50",
+    "evaluation": "env=NAME, which brings its settings along, or a key such as evaluation.episodes=20",
+}
+
+
+def check_key(key: str, known: Iterable[str]) -> None:
+    """Refuse a dotted key, such as `ge.generations`, that no run has.
+
+    Args:
+        key: What the user typed.
+        known: All keys and sections.
+
+    Raises:
+        ConfigError: There is no such key; the message names its successor or similar ones.
+    """
+    names = list(known)
+    if key in names:
+        return
+    if reason := _GONE.get(key):
+        raise ConfigError(f"{key} is gone, because {reason}; got {key}")
+    if successor := _successor(key):
+        raise ConfigError(f"{key} is now {successor}; expected the new name; got {key}")
+    siblings = [other for other in names if other.startswith(f"{key.partition('.')[0]}.")]
+    similar = difflib.get_close_matches(key, siblings or names, n=3, cutoff=0.75)
+    expected = similar or siblings or [name for name in names if "." not in name]
+    raise ConfigError(f"{key} is unknown; expected a key of a run, such as {', '.join(expected)}; got {key}")
+
+
+def check_group(group: str) -> None:
+    """Refuse a former group of choices, such as `hall_of_fame`.
+
+    Raises:
+        ConfigError: The group is gone; the message says what to type instead.
+    """
+    if instead := _FORMER_GROUPS.get(group):
+        raise ConfigError(f"{group} is no choice of files any more; expected {instead}; got {group}=...")
+
+
+def _successor(key: str) -> str | None:
+    if whole := _SUCCESSORS.get(key):
+        return whole
+    section, _, name = key.rpartition(".")
+    former = _SUCCESSORS.get(section)
+    return f"{former}.{name}" if former else None

@@ -1,0 +1,114 @@
+"""Everything that a run depends on as one frozen record, and its way from nested plain values and back."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, ClassVar
+
+from ge_torchrl.checks import UNSET
+from ge_torchrl.config import keys
+from ge_torchrl.config.archive import ArchiveConfig
+from ge_torchrl.config.refinement import PolishConfig, RefinerConfig
+from ge_torchrl.config.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
+from ge_torchrl.config.setting import Section, default_of, nested, setting
+from ge_torchrl.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Config(Section):
+    """Everything that a run depends on; the same record gives the same results."""
+
+    SECTION: ClassVar[str] = ""
+
+    env: EnvironmentConfig
+    grammar: GrammarConfig
+    ge: GEConfig = field(default_factory=GEConfig)
+    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    refiner: RefinerConfig = field(default_factory=RefinerConfig)
+    polish: PolishConfig = field(default_factory=PolishConfig)
+    archive: ArchiveConfig = field(default_factory=ArchiveConfig)
+    seed: int = setting(
+        0,
+        at_least=0,
+        because="seeds of random numbers are not negative",
+        doc="The one seed from which all randomness of the run follows.",
+    )
+
+    def check_together(self) -> None:
+        """Refuse proposals from the archive that would silently be left out."""
+        if not self.archive.enabled:
+            for name in ("neighbours", "revisits", "migrants", "final_keep"):
+                if getattr(self.archive, name) > 0:
+                    self.archive.refuse(
+                        name, "0", "nothing is kept with archive.keep=0 (archive=none sets all)", 0
+                    )
+        if not self.refiner.enabled and not self.polish.enabled:
+            for name in ("neighbours", "revisits", "final_keep"):
+                if getattr(self.archive, name) > 0:
+                    because = "nothing refines trees with refiner.method=none and polish.every=null"
+                    self.archive.refuse(name, "0", f"{because} (refiner=none sets all)", 0)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> "Config":
+        """Return the record of nested plain values, as they come from YAML.
+
+        Args:
+            values: Sections and keys; what is left out takes its default.
+
+        Raises:
+            ConfigError: A key is unknown or has no value, or a value is of the wrong type or out of its range.
+        """
+        record: Config = _record_from(cls, values)
+        return record
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return nested plain values, ready for YAML or JSON; `from_mapping` takes them back."""
+        plain: dict[str, Any] = _plain(asdict(self))
+        return plain
+
+
+def template(record: type[Section] = Config) -> dict[str, Any]:
+    """Return all keys with their defaults, nested as in `Config`, and `UNSET` where there is no default."""
+    return {
+        entry.name: template(inner) if (inner := nested(entry)) else _plain(default_of(entry))
+        for entry in fields(record)  # type: ignore[arg-type]
+    }
+
+
+def check_key(key: str) -> None:
+    """Refuse a dotted key, such as `ge.generations`, that no run has.
+
+    Raises:
+        ConfigError: There is no such key; the message names its successor or similar ones.
+    """
+    keys.check_key(key, _flat_keys(template()))
+
+
+def _flat_keys(values: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    for name, value in values.items():
+        yield prefix + name
+        if isinstance(value, dict):
+            yield from _flat_keys(value, f"{prefix}{name}.")
+
+
+def _record_from(record: type[Section], values: object) -> Any:
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"{record.SECTION} must be a section with keys and values; got {values!r}")
+    for name in values:
+        check_key(record.key(str(name)))
+    given: dict[str, Any] = {}
+    for entry in fields(record):  # type: ignore[arg-type]
+        if inner := nested(entry):
+            given[entry.name] = _record_from(inner, values.get(entry.name, {}))
+        else:
+            # The check refuses UNSET, so that a missing value is reported in the words of its key.
+            given[entry.name] = values.get(entry.name, default_of(entry))
+    return record(**given)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    return list(value) if isinstance(value, tuple) else value
+
+
+__all__ = ["UNSET", "Config", "check_key", "template"]

@@ -1,0 +1,197 @@
+"""The settings of environment, grammar, evolution and measuring."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ge_torchrl.config.setting import Section, probability, setting
+
+_LARGEST_POPULATION_BYTES = 8 << 30
+_CODON_BYTES = 4
+
+
+@dataclass(frozen=True)
+class EnvironmentConfig(Section):
+    """Which environment, what its numbers are called, and how its episodes are run."""
+
+    SECTION: ClassVar[str] = "env"
+
+    id: str = setting(doc="Gymnasium id.", text="a Gymnasium id such as CartPole-v1")
+    features: tuple[str, ...] = setting(
+        (),
+        distinct=True,
+        because="a tree is read by them",
+        doc="Names of the observation's entries; empty means `x0`, `x1`, ...",
+    )
+    units: tuple[str, ...] = setting(
+        (), doc="Their units, an empty text where there is none; empty means none at all."
+    )
+    actions: tuple[str, ...] = setting(
+        (),
+        distinct=True,
+        because="a tree is read by them",
+        doc="Names of the actions; empty means `a0`, `a1`, ...",
+    )
+    solved_at: float | None = setting(None, doc="Mean return from which the task counts as solved.")
+    lowest_return: float | None = setting(
+        None, doc="The lowest return possible: a tree whose fitness it is learns nothing and is not refined."
+    )
+    max_episode_steps: int | None = setting(
+        None,
+        at_least=1,
+        because="an episode has at least one step",
+        doc="Limit of an episode's length; null takes the environment's own.",
+    )
+    route: str = setting(
+        "auto",
+        choices=("auto", "kernel", "gymnasium"),
+        renamed=(("compiled", "kernel"),),
+        doc="What steps the environment: a compiled `kernel`, `gymnasium`, or `auto`: the kernel where there is one.",
+    )
+    workers: int = setting(
+        0,
+        at_least=0,
+        because="it counts processes",
+        doc="Worker processes of the Gymnasium route; 0 decides by itself.",
+    )
+
+    def check_together(self) -> None:
+        """Refuse units without features."""
+        if self.units and len(self.units) != len(self.features):
+            self.refuse(
+                "units", "one unit for each feature", "an empty text stands for a feature without unit"
+            )
+
+
+@dataclass(frozen=True)
+class GrammarConfig(Section):
+    """The grammar that turns codons into trees."""
+
+    SECTION: ClassVar[str] = "grammar"
+
+    name: str = setting(doc="What reports call it.", text="the name of the grammar")
+    bnf: str = setting(doc="Its rules in Backus-Naur form.", text="rules in Backus-Naur form")
+
+
+@dataclass(frozen=True)
+class GEConfig(Section):
+    """Grammatical evolution: population, probabilities, and when to stop."""
+
+    SECTION: ClassVar[str] = "ge"
+
+    population_size: int = setting(
+        200, at_least=2, because="selection compares individuals", doc="Individuals in a generation, `P`."
+    )
+    generations: int = setting(
+        50,
+        at_least=1,
+        because="generation 0 is the random first population",
+        doc="Generations, the random first one, number 0, included.",
+    )
+    genotype_length: int = setting(
+        256, at_least=1, because="a tree is read from codons", doc="Codons in a genotype, `K`; fixed."
+    )
+    gene_probability: float = probability(
+        0.05, doc="Probability that mutation redraws a codon of an individual that is mutated."
+    )
+    crossover_probability: float = probability(0.0, doc="Probability that a pair of parents is crossed over.")
+    mutation_probability: float = probability(1.0, doc="Probability that an individual is mutated.")
+    tournament_size: int = setting(
+        2,
+        at_least=1,
+        because="a tournament draws individuals; 1 is random choice",
+        doc="Individuals drawn for a tournament.",
+    )
+    wraps: int = setting(
+        0,
+        at_least=0,
+        because="it counts readings after the first",
+        doc="How often the mapping may read a genotype again from its start.",
+    )
+    parsimony: str = setting(
+        "lexicographic",
+        choices=("lexicographic", "none"),
+        doc="`lexicographic`: of equally fit individuals the one with fewer decision nodes is better; `none`: fitness "
+        "alone decides, as in the thesis.",
+    )
+    stop_when_solved: bool = setting(
+        False, doc="Whether the run ends with the first champion that solves the task."
+    )
+    max_seconds: float | None = setting(None, above=0.0, doc="Time that the whole run may take; null: any.")
+    max_env_steps: int | None = setting(
+        None,
+        at_least=1,
+        because="a run needs steps to measure fitness",
+        doc="Environment steps that the whole run may take; null: any.",
+    )
+
+    def check_together(self) -> None:
+        """Refuse tournaments of more than everybody, and populations that fit into no memory."""
+        if self.tournament_size > self.population_size:
+            self.refuse(
+                "tournament_size",
+                f"at most ge.population_size, {self.population_size}",
+                "a tournament draws from the population",
+                self.population_size,
+            )
+        n_bytes = self.population_size * self.genotype_length * _CODON_BYTES
+        if n_bytes > _LARGEST_POPULATION_BYTES:
+            largest = _LARGEST_POPULATION_BYTES // (_CODON_BYTES * self.genotype_length)
+            self.refuse(
+                "population_size",
+                f"at most {largest} with ge.genotype_length={self.genotype_length}",
+                f"its codons alone would take {n_bytes / (1 << 30):.0f} GiB of memory and 8 are allowed",
+                largest if largest >= 2 else None,
+            )
+
+
+@dataclass(frozen=True)
+class EvaluationConfig(Section):
+    """How many episodes measure a tree, and on how many threads."""
+
+    SECTION: ClassVar[str] = "evaluation"
+
+    episodes: int = setting(
+        20,
+        at_least=1,
+        because="fitness is a mean over episodes",
+        doc="Episodes whose mean return is an individual's fitness.",
+    )
+    episode_seeds: str = setting(
+        "common",
+        choices=("common", "fixed", "fresh"),
+        doc="`common`: new episodes in every generation, on which parents are measured again; `fixed`: the same in "
+        "every generation, as in the thesis; `fresh`: new ones for the offspring, while parents keep their fitness.",
+    )
+    std_penalty: float = setting(
+        0.0,
+        at_least=0.0,
+        doc="Standard deviations of these returns that are subtracted from their mean. Fitness is then lower than the "
+        "mean return.",
+    )
+    validation_episodes: int = setting(
+        5000,
+        at_least=1,
+        because="validation is a mean over episodes",
+        doc="Episodes that choose among the champions and prune them.",
+    )
+    champion_candidates: int = setting(
+        10,
+        at_least=1,
+        because="a run ends with one champion",
+        doc="Best individuals of the population that validation chooses from; the thesis tests the best one.",
+    )
+    test_episodes: int = setting(
+        1000,
+        at_least=1,
+        because="the test is a mean over episodes",
+        doc="Unseen episodes of the final test.",
+    )
+    threads: int = setting(
+        0, at_least=0, because="it counts threads", doc="Threads of the kernel route; 0 takes all cores."
+    )
+    steps_per_second: float | None = setting(
+        None,
+        above=0.0,
+        doc="Environment steps a second from which budgets follow; null measures them at the start. The run's "
+        "`config.yaml` holds what was used.",
+    )

@@ -1,0 +1,116 @@
+"""Settings declare type, range and meaning on the field; one check reads what was declared."""
+
+import math
+import types
+from dataclasses import MISSING, Field, field, fields
+from functools import cache
+from typing import Any, ClassVar, Union, cast, get_args, get_origin
+
+from ge_torchrl.checks import UNSET, Kind, Rule, checked, refuse
+
+REQUIRED = MISSING
+_KINDS: dict[type, Kind] = {int: "integer", float: "number", bool: "flag", str: "text"}
+
+
+def setting(
+    default: Any = REQUIRED,
+    *,
+    doc: str,
+    at_least: float = -math.inf,
+    above: float = -math.inf,
+    at_most: float = math.inf,
+    choices: tuple[str, ...] = (),
+    distinct: bool = False,
+    because: str = "",
+    text: str = "a text",
+    renamed: tuple[tuple[str, str], ...] = (),
+) -> Any:
+    """Declare a setting; type and whether null is allowed are those of the annotation.
+
+    Args:
+        default: The value where none is given; without it the user has to give one.
+        doc: What it means: one or two sentences for `docs/settings.md`.
+        at_least: See `checks.Rule`, as for all others.
+        above: Numbers have to be larger than this.
+        at_most: The largest number allowed.
+        choices: The texts allowed.
+        distinct: Whether the texts of a list have to differ.
+        because: Why the range is what it is.
+        text: What a text is.
+        renamed: Former texts and what they are called now.
+    """
+    declared = {
+        "at_least": at_least,
+        "above": above,
+        "at_most": at_most,
+        "choices": choices,
+        "distinct": distinct,
+        "because": because,
+        "text": text,
+        "renamed": renamed,
+    }
+    metadata = {"doc": doc, "declared": declared}
+    return field(metadata=metadata) if default is REQUIRED else field(default=default, metadata=metadata)
+
+
+def probability(default: float, *, doc: str, because: str = "it is a probability") -> Any:
+    """Declare a setting that is a number from 0 to 1."""
+    return setting(default, doc=doc, at_least=0.0, at_most=1.0, because=because)
+
+
+class Section:
+    """A frozen record of settings, checked field by field where it is made, then as a whole (`check_together`).
+
+    A subclass is a frozen dataclass whose `SECTION` begins its keys.
+    """
+
+    SECTION: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for entry in fields(cast("Any", self)):
+            value = getattr(self, entry.name)
+            if record := nested(entry):
+                if not isinstance(value, record):
+                    refuse(self.key(entry.name), value, f"a {record.__name__}")
+                continue
+            # Within __post_init__ a frozen record may still be completed; afterwards nobody writes to it.
+            object.__setattr__(self, entry.name, checked(self.key(entry.name), value, rule_of(entry)))
+        self.check_together()
+
+    def check_together(self) -> None:
+        """Refuse settings that are allowed one by one but not together."""
+
+    @classmethod
+    def key(cls, name: str) -> str:
+        """Return what the user calls a field, such as `ge.population_size`."""
+        return f"{cls.SECTION}.{name}" if cls.SECTION else name
+
+    def refuse(self, name: str, expected: str, because: str = "", instead: object = None) -> None:
+        """Refuse the value of a field, and say what to type `instead` where there is one thing to type."""
+        hint = "" if instead is None else f"type {self.key(name)}={instead}"
+        refuse(self.key(name), getattr(self, name), expected, because, hint)
+
+
+def nested(entry: Field[Any]) -> type[Section] | None:
+    """Return the record that a field holds, if it holds one."""
+    return entry.type if isinstance(entry.type, type) and issubclass(entry.type, Section) else None
+
+
+def default_of(entry: Field[Any]) -> Any:
+    """Return the default of a setting, `UNSET` where the user has to give one."""
+    return UNSET if entry.default is MISSING else entry.default
+
+
+@cache
+def rule_of(entry: Field[Any]) -> Rule:
+    """Return what a setting allows: its annotation and what was declared with it."""
+    kind, many, optional = _read(entry.type)
+    return Rule(kind=kind, many=many, optional=optional, **entry.metadata["declared"])
+
+
+def _read(annotation: Any) -> tuple[Kind, bool, bool]:
+    optional = get_origin(annotation) in (types.UnionType, Union)
+    if optional:
+        (annotation,) = (part for part in get_args(annotation) if part is not type(None))
+    many = get_origin(annotation) is tuple
+    return _KINDS[get_args(annotation)[0] if many else annotation], many, optional
