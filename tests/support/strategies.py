@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
-from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.tree import DecisionTree
 
 # Few and close values make trees whose splits meet at the same threshold, where most errors would be.
 COMMON_THRESHOLDS = [
@@ -29,7 +29,7 @@ def trees(
     max_leaves: int = 12,
     thresholds: st.SearchStrategy[float] | None = None,
 ) -> st.SearchStrategy[DecisionTree]:
-    """Trees of 1 to `max_leaves` leaves with float32 thresholds, nodes numbered depth first."""
+    """Trees of 1 to `max_leaves` leaves with float32 thresholds, axis-aligned, with actions."""
     leaves = st.integers(0, n_actions - 1).map(DecisionTree.leaf)
     return st.recursive(
         leaves,
@@ -44,19 +44,38 @@ def trees(
     )
 
 
-@st.composite
-def renumbered_trees(draw: st.DrawFn, n_features: int = 4, n_actions: int = 3) -> DecisionTree:
-    """Trees whose nodes behind the root are numbered in any order."""
-    tree = draw(trees(n_features, n_actions))
-    order = np.array([0, *draw(st.permutations(range(1, tree.n_nodes)))])
-    # The entry behind the last node is what NO_CHILD, -1, reads.
-    number = np.append(np.argsort(order), DecisionTree.NO_CHILD)
-    return DecisionTree(
-        feature=tree.feature[order],
-        threshold=tree.threshold[order],
-        children_left=number[tree.children_left[order]],
-        children_right=number[tree.children_right[order]],
-        action=tree.action[order],
+def weighted_trees(
+    n_features: int = 4, n_actions: int = 3, *, max_leaves: int = 8
+) -> st.SearchStrategy[DecisionTree]:
+    """Trees of actions whose splits sum 1 to 3 weighted features; some trees are axis-aligned."""
+    leaves = st.integers(0, n_actions - 1).map(DecisionTree.leaf)
+    return trees(n_features, n_actions, max_leaves=4) | _weighted_above(leaves, n_features, max_leaves)
+
+
+def value_trees(
+    n_features: int = 4, n_values: int = 2, *, max_leaves: int = 8
+) -> st.SearchStrategy[DecisionTree]:
+    """Trees whose leaves hold values, some of them with linear terms, and whose splits are weighted."""
+    row = st.lists(float32s(), min_size=n_values, max_size=n_values)
+    linear = st.dictionaries(st.integers(0, n_features - 1), row, max_size=2)
+    return _weighted_above(st.builds(DecisionTree.value_leaf, row, linear), n_features, max_leaves)
+
+
+def any_trees(n_features: int = 4) -> st.SearchStrategy[DecisionTree]:
+    """Trees of every kind."""
+    return trees(n_features) | weighted_trees(n_features) | value_trees(n_features)
+
+
+def _weighted_above(
+    leaves: st.SearchStrategy[DecisionTree], n_features: int, max_leaves: int
+) -> st.SearchStrategy[DecisionTree]:
+    terms = st.lists(st.tuples(st.integers(0, n_features - 1), float32s()), min_size=1, max_size=3)
+
+    def above(terms, threshold, left, right):
+        return DecisionTree.weighted_split(*zip(*terms, strict=True), threshold, left, right)
+
+    return st.recursive(
+        leaves, lambda halves: st.builds(above, terms, float32s(), halves, halves), max_leaves=max_leaves
     )
 
 
@@ -65,7 +84,7 @@ def observations(
     draw: st.DrawFn, tree: DecisionTree, n_features: int = 4, *, max_rows: int = 8, near: Sequence[float] = ()
 ) -> NDArray[np.float32]:
     """[B, D] float32 observations, often at a threshold (or a value of `near`) or one float32 beside it."""
-    at = np.concatenate([tree.threshold[~tree.is_leaf], np.float32(near)])
+    at = np.concatenate([tree.threshold, np.float32(near)])
     with np.errstate(over="ignore"):
         beside = [np.nextafter(at, np.float32(end)) for end in (-np.inf, np.inf)]
     special = np.concatenate([at, *beside, np.float32([0.0, -0.0])]).tolist()

@@ -1,60 +1,89 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import observations, renumbered_trees, trees
+from strategies import float32s, observations, trees, weighted_trees
 
 from ge_torchrl.errors import InvalidTreeError
-from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
 
 
-@given(st.lists(renumbered_trees(), max_size=5))
+NO_INTS, NO_FLOATS = np.zeros(0, np.int32), np.zeros(0, np.float32)
+NO_TREE = Forest.axis_aligned(
+    np.zeros(2, np.int64), np.zeros(2, np.int64), NO_INTS, NO_FLOATS, NO_INTS, NO_INTS, NO_INTS
+)
+
+
+@st.composite
+def forests(draw):
+    """A forest, and its trees: None where an individual has none."""
+    individuals = draw(st.lists(st.none() | weighted_trees(), max_size=6))
+    parts = [NO_TREE if tree is None else Forest.stack([tree]) for tree in individuals]
+    return Forest.concatenate(parts), individuals
+
+
+def same(forest, individuals):
+    assert len(forest) == len(individuals)
+    assert forest.valid.tolist() == [tree is not None for tree in individuals]
+    for index, tree in enumerate(individuals):
+        if tree is not None:
+            assert forest.tree(index) == tree
+            assert forest.structure(index) == tree.structure
+            assert forest.num_decision_nodes[index] == tree.num_decision_nodes
+        else:
+            assert forest.structure(index) == b""
+    for array, kind in zip(forest.arrays, Forest.stack([]).arrays, strict=True):
+        assert array.dtype == kind.dtype
+        assert array.flags.c_contiguous
+        assert array.flags.writeable
+    present = [tree for tree in individuals if tree is not None]
+    assert forest.is_axis_aligned == all(tree.is_axis_aligned for tree in present)
+    for array, expected in zip(forest.arrays[2:], Forest.stack(present).arrays[2:], strict=True):
+        assert np.array_equal(array, expected)
+
+
+@given(st.lists(weighted_trees(), max_size=5))
 def test_every_stacked_tree_comes_back(trees):
     forest = Forest.stack(trees)
-    assert len(forest) == len(trees)
-    assert [forest.tree(index) for index in range(len(forest))] == trees
-    assert forest.sizes.tolist() == [tree.n_nodes for tree in trees]
-    assert [forest.structure(index) for index in range(len(forest))] == [tree.structure for tree in trees]
+    same(forest, trees)
+    assert forest.trees() == trees
 
 
-def test_arrays_stand_end_to_end_and_children_count_from_their_root():
-    forest = Forest.stack([split(1, 0.5, leaf(0), leaf(1)), leaf(2), split(0, -2.0, leaf(1), leaf(0))])
-    assert forest.offsets.tolist() == [0, 3, 4, 7]
-    assert forest.feature.tolist() == [1, -1, -1, -1, 0, -1, -1]
-    assert forest.threshold.tolist() == [0.5, 0, 0, 0, -2, 0, 0]
-    assert forest.children_left.tolist() == [1, -1, -1, -1, 1, -1, -1]
-    assert forest.children_right.tolist() == [2, -1, -1, -1, 2, -1, -1]
-    assert forest.action.tolist() == [-1, 0, 1, 2, -1, 1, 0]
+@given(st.data(), forests())
+def test_individuals_are_taken_in_any_order(data, forest_and_trees):
+    forest, individuals = forest_and_trees
+    same(forest, individuals)
+    index = data.draw(st.lists(st.sampled_from(range(len(individuals))), max_size=9)) if individuals else []
+    same(forest.take(index), [individuals[place] for place in index])
 
 
-@pytest.mark.parametrize("trees", [[], [leaf(0)]])
-def test_types_do_not_depend_on_the_number_of_trees(trees):
-    forest = Forest.stack(trees)
-    assert forest.offsets.dtype == np.int64
-    assert forest.threshold.dtype == np.float32
-    for array in (forest.feature, forest.children_left, forest.children_right, forest.action):
-        assert array.dtype == np.int32
+@given(st.lists(forests(), max_size=3))
+def test_forests_are_concatenated(parts):
+    expected = [tree for _, individuals in parts for tree in individuals]
+    same(Forest.concatenate([forest for forest, _ in parts]), expected)
+
+
+def test_arrays_stand_end_to_end_and_children_count_from_their_tree():
+    arrays = Forest.stack([split(1, 0.5, leaf(0), leaf(1)), leaf(2), split(0, -2.0, leaf(1), leaf(0))]).arrays
+    assert arrays.split_start.tolist() == [0, 1, 1, 2]
+    assert arrays.leaf_start.tolist() == [0, 2, 3, 5]
+    assert arrays.term_start.tolist() == [0, 1, 2]
+    assert arrays.feature.tolist() == [1, 0]
+    assert arrays.threshold.tolist() == [0.5, -2]
+    assert arrays.children_left.tolist() == [~0, ~0]
+    assert arrays.children_right.tolist() == [~1, ~1]
+    assert arrays.action.tolist() == [0, 1, 2, 1, 0]
 
 
 def test_an_individual_without_a_tree_is_refused_by_name():
-    whole = Forest.stack([leaf(0), leaf(1)])
-    gapped = Forest(
-        np.array([0, 1, 1, 2]),
-        whole.feature,
-        whole.threshold,
-        whole.children_left,
-        whole.children_right,
-        whole.action,
-    )
-    assert gapped.sizes.tolist() == [1, 0, 1]
-    assert gapped.tree(2) == leaf(1)
+    forest = Forest.concatenate([Forest.stack([leaf(0)]), NO_TREE, Forest.stack([leaf(1)])])
+    assert forest.valid.tolist() == [True, False, True]
+    assert forest.tree(2) == leaf(1)
     with pytest.raises(InvalidTreeError, match="individual 1 has no tree"):
-        gapped.tree(1)
+        forest.tree(1)
 
 
 @pytest.mark.parametrize("index", [-1, 1])
@@ -63,7 +92,16 @@ def test_an_individual_outside_of_the_forest_is_refused(index):
         Forest.stack([leaf(0)]).tree(index)
 
 
-@given(st.data(), st.lists(renumbered_trees(), min_size=1, max_size=4))
+def test_trees_with_values_are_refused():
+    with pytest.raises(InvalidTreeError, match="leaves hold actions; those of tree 1 hold values"):
+        Forest.stack([leaf(0), DecisionTree.value_leaf([1.0])])
+    with pytest.raises(InvalidTreeError, match="copies of a tree with actions"):
+        Forest.of_parameters(DecisionTree.value_leaf([1.0]), np.zeros((1, 1), np.float32))
+
+
+@given(
+    st.data(), st.lists(trees(), min_size=1, max_size=4) | st.lists(weighted_trees(), min_size=1, max_size=4)
+)
 def test_each_observation_is_decided_by_its_own_tree(data, trees):
     forest = Forest.stack(trees)
     rows = np.concatenate([data.draw(observations(tree)) for tree in trees])
@@ -72,21 +110,16 @@ def test_each_observation_is_decided_by_its_own_tree(data, trees):
     assert forest.decide(np.array(chosen, dtype=np.int64), rows).tolist() == expected
 
 
-@given(st.lists(trees(), max_size=5))
-def test_depth_first_numbering_determines_the_children(numbered):
-    forest = Forest.stack(numbered)
-    again = Forest.depth_first(
-        [tree.n_nodes for tree in numbered], forest.feature, forest.threshold, forest.action
-    )
-    assert [again.tree(index) for index in range(len(again))] == numbered
+@given(st.data(), weighted_trees(), st.integers(0, 3))
+def test_copies_with_other_parameters_are_the_trees_with_these_parameters(data, tree, n):
+    shape = (n, len(tree.parameters))
+    rows = [[data.draw(float32s() | st.just(-0.0)) for _ in range(shape[1])] for _ in range(n)]
+    numbers = np.array(rows, np.float32).reshape(shape)
+    same(Forest.of_parameters(tree, numbers), [tree.with_parameters(row) for row in numbers])
 
 
-@given(trees(), st.integers(0, 3), st.integers(0, 2**32))
-def test_copies_with_other_thresholds_are_the_trees_with_these_thresholds(tree, n, seed):
-    thresholds = np.random.default_rng(seed).normal(size=(n, tree.n_nodes)).astype(np.float32)
-    thresholds[:, tree.is_leaf] = 0
-    thresholds[: n // 2] *= -0.0
-    copies = Forest.of_thresholds(tree, thresholds)
-    assert [copies.tree(index) for index in range(n)] == [
-        replace(tree, threshold=threshold) for threshold in thresholds
-    ]
+def test_a_tree_of_a_forest_does_not_change_with_it():
+    forest = Forest.stack([split(1, 0.5, leaf(0), leaf(1))])
+    tree = forest.tree(0)
+    forest.arrays.threshold[0] = 7
+    assert tree.threshold.tolist() == [0.5]
