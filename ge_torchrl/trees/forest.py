@@ -123,7 +123,7 @@ class Forest:
                 ),
                 feature=_repeated(tree.feature, copies).reshape(-1),
                 weight=weight.reshape(-1),
-                threshold=numbers[:, :n_splits].reshape(-1),
+                threshold=np.ascontiguousarray(numbers[:, :n_splits]).reshape(-1),
                 children_left=_repeated(tree.children_left, copies).reshape(-1),
                 children_right=_repeated(tree.children_right, copies).reshape(-1),
                 action=_repeated(tree.action, copies).reshape(-1),

@@ -131,7 +131,6 @@ class DecisionTree:
                 f"both halves of a tree must hold actions, or equally many values; they hold "
                 f"{left.value.shape[1]} and {right.value.shape[1]} values a leaf (0: actions)"
             )
-        # The halves are checked, so what can be wrong is at the root.
         features, weights = as_ints("feature", feature), as_floats("weight", weight)
         if len(features) == 0 or len(features) != len(weights) or features.min() < 0:
             raise InvalidTreeError(
@@ -207,8 +206,7 @@ class DecisionTree:
     def parameters(self) -> FloatArray:
         """[N] float32, all numbers of the tree.
 
-        In this order: thresholds [M], weights of splits with more than one term, values of leaves, weights of their
-        linear terms.
+        In this order: thresholds, weights of splits with more than one term, values, weights of linear terms.
         """
         numbers = parameters_of(self.arrays)
         numbers.flags.writeable = False
@@ -247,8 +245,7 @@ class DecisionTree:
         """Return a natural step of each parameter.
 
         A threshold's step is how far its sum spreads (for one term of weight 1: its feature), if features spread
-        independently. The step of a split's weight moves its sum as far. A value's step is 1, and so is what a step
-        of a leaf's weight does to the value where its feature is one spread away.
+        independently. A weight's step moves its sum as far. A value's step is 1, as that of its linear terms.
 
         Args:
             spread: [D] how far each feature spreads, above 0.
