@@ -1,1 +1,1 @@
-"""What a person sees: progress, tables and figures."""
+"""What persons read of finished runs: tables, pages, figures, and tests of their trees on new episodes."""

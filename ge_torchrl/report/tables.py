@@ -1,144 +1,149 @@
-"""Tables of many runs, from their artefacts alone."""
+"""Tables: cells that a terminal and Markdown show alike, and the one table of runs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import groupby
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from ge_torchrl.records import Summary
-from ge_torchrl.report.published import PublishedSweep
+from ge_torchrl.artefacts.records import Summary
 
 
-def runs_table(summaries: Sequence[Summary], method: str = "") -> str:
-    """Return one Markdown table for each environment, a row a run and a last row over all runs.
+class Table(NamedTuple):
+    """A table of texts.
+
+    Attributes:
+        head: A title for each column.
+        rows: Cells, as many in each row as there are titles.
+    """
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @classmethod
+    def of(cls, head: Iterable[str], rows: Iterable[Iterable[str]]) -> Self:
+        """Return the table of these titles and cells."""
+        return cls(tuple(head), tuple(map(tuple, rows)))
+
+    def beside(self, other: Table) -> Table:
+        """Return this table with the columns of another to its right."""
+        pairs = zip(self.rows, other.rows, strict=True)
+        return Table(self.head + other.head, tuple(left + right for left, right in pairs))
+
+    def without_empty_columns(self) -> Table:
+        """Return the columns in which some row has a text."""
+        shown = [n for n in range(len(self.head)) if any(row[n] for row in self.rows)]
+        return Table.of((self.head[n] for n in shown), ((row[n] for n in shown) for row in self.rows))
+
+    def markdown(self) -> str:
+        """Return Markdown, all columns but the first aligned to the right."""
+        lines = [self.head, ("---", *["---:"] * (len(self.head) - 1)), *self.rows]
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+    def aligned(self) -> str:
+        """Return lines for a terminal, all columns aligned to the right."""
+        lines = [self.head, *self.rows]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        return "\n".join(
+            "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+            for line in lines
+        )
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """A run, its champion and what a test said of it; what is not known is None.
+
+    Attributes:
+        seed: Of the run.
+        decision_nodes: Of the champion.
+        mean: Its mean test return.
+        std: Standard deviation of its test returns.
+        solved: Whether the mean reaches the threshold; None where there is none.
+        wall_seconds: Clock time of the whole run.
+        evolve_seconds: Clock time of the search.
+        complexity_M: The champion's complexity by Eq. 4.
+        train_fitness: Its fitness on its few training episodes.
+    """
+
+    seed: int
+    decision_nodes: int
+    mean: float
+    std: float
+    solved: bool | None
+    wall_seconds: float
+    evolve_seconds: float | None = field(default=None, kw_only=True)
+    complexity_M: float | None = field(default=None, kw_only=True)  # noqa: N815 (the paper's symbol)
+    train_fitness: float | None = field(default=None, kw_only=True)
+
+    @classmethod
+    def of(cls, summary: Summary) -> Self:
+        """Return the row of a finished run."""
+        return cls(
+            summary.seed,
+            summary.decision_nodes,
+            summary.test_mean,
+            summary.test_std,
+            summary.solved,
+            summary.wall_seconds,
+            evolve_seconds=summary.evolve_seconds,
+            complexity_M=summary.complexity_M,
+            train_fitness=summary.train_fitness,
+        )
+
+
+_RUNS_HEAD = ("seed", "decision nodes", "M", "training", "test mean ± sd", "solved", "search s", "all s")
+
+
+def runs_table(runs: Sequence[RunRow]) -> Table:
+    """Return a row a run and a last row over all of them; a column that no run fills is left out.
 
     The form is that of Tables 4.3, 4.6 and 4.9 of the thesis: training and test fitness of the best tree and its
     complexity, with the size and the time that the thesis does not give.
 
     Args:
-        summaries: Runs in any order.
-        method: Named in the titles, if given.
+        runs: Runs of one environment and method, at least one.
     """
-    by_environment = sorted(summaries, key=lambda summary: (summary.environment, summary.seed))
-    tables = [
-        _environment_table(list(runs), method)
-        for _, runs in groupby(by_environment, key=lambda run: run.environment)
-    ]
-    return "\n\n".join(tables)
-
-
-def _environment_table(runs: list[Summary], method: str) -> str:
-    first = runs[0]
-    head = ["seed", "training", "test mean ± sd", "solved", "M", "decision nodes", "evolution s", "all s"]
-    rows = [
-        [
+    cells = (
+        (
             str(run.seed),
-            f"{run.train_fitness:.2f}",
-            f"{run.test_mean:.2f} ± {run.test_std:.2f}",
-            _yes(run.solved),
-            f"{run.complexity_M:.1f}",
             str(run.decision_nodes),
-            f"{run.evolve_seconds:.2f}",
-            f"{run.wall_seconds:.2f}",
-        ]
+            _shown(run.complexity_M, 1),
+            _shown(run.train_fitness, 2),
+            f"{run.mean:.2f} ± {run.std:.2f}",
+            yes_or_no(run.solved),
+            _shown(run.evolve_seconds, 1),
+            _shown(run.wall_seconds, 1),
+        )
         for run in runs
-    ]
-    rows.append(
-        [
-            "**all**",
-            f"{_mean(run.train_fitness for run in runs):.2f}",
-            f"{_mean(run.test_mean for run in runs):.2f}",
-            f"**{_share(runs)}**",
-            f"{_mean(run.complexity_M for run in runs):.1f}",
-            f"{_mean(run.decision_nodes for run in runs):.1f}",
-            f"{_mean(run.evolve_seconds for run in runs):.2f}",
-            f"{_mean(run.wall_seconds for run in runs):.2f}",
-        ]
     )
-    threshold = "" if first.solved_at is None else f", solved from {first.solved_at:g}"
-    name = f"{first.environment} {method}".rstrip()
-    title = f"**{name}** ({first.test_episodes} test episodes{threshold})"
-    return f"{title}\n\n{markdown(head, rows)}"
+    return Table.of(_RUNS_HEAD, chain(cells, [_over_all(runs)])).without_empty_columns()
 
 
-def thesis_table(runs: Sequence[Summary], published: PublishedSweep | None) -> str:
-    """Return a Markdown table in the form of Tables 4.3, 4.6 and 4.9, the thesis' numbers beside ours.
-
-    Args:
-        runs: Runs of one environment in the order of their rows.
-        published: The thesis' runs; None where it has none, and then its columns are left out.
-    """
-    ours = [[*_numbers(run.train_fitness, run.test_mean, run.complexity_M), _yes(run.solved)] for run in runs]
-    columns = zip(*((run.train_fitness, run.test_mean, run.complexity_M) for run in runs), strict=True)
-    ours.append([*_numbers(*map(_mean, columns)), _share(runs)])
-    head, seeds = ["training", "test", "M", "solved"], [*(str(run.seed) for run in runs), "**mean**"]
-    if published is None:
-        return markdown(["seed", *head], [[seed, *row] for seed, row in zip(seeds, ours, strict=True)])
-    theirs = [*(_published_cells(published, run.seed) for run in runs), _published_means(published)]
-    names = [*(f"R{run.seed + 1}" for run in runs), ""]
-    rows = [
-        [name, seed, *alternating(row, beside)]
-        for name, seed, row, beside in zip(names, seeds, ours, theirs, strict=True)
-    ]
-    return markdown(["run", "seed", *alternating(head, ["thesis"] * 4)], rows)
+def _over_all(runs: Sequence[RunRow]) -> Iterator[str]:
+    yield "all"
+    yield _shown(_mean(run.decision_nodes for run in runs), 1)
+    yield _shown(_mean(run.complexity_M for run in runs), 1)
+    yield _shown(_mean(run.train_fitness for run in runs), 2)
+    yield _shown(_mean(run.mean for run in runs), 2)
+    judged = [run.solved for run in runs if run.solved is not None]
+    yield f"{sum(judged)} of {len(judged)}" if judged else ""
+    yield _shown(_mean(run.evolve_seconds for run in runs), 1)
+    yield _shown(_mean(run.wall_seconds for run in runs), 1)
 
 
-def published_summary(published: PublishedSweep) -> list[str]:
-    """Return what the thesis found in an environment: the solved runs, the mean test return and the mean M."""
-    _, test, complexity, solved = _published_means(published)
-    return [solved, test, complexity]
+def yes_or_no(answer: bool | None) -> str:
+    """Return an answer as a cell; an empty one where nothing was asked."""
+    return "" if answer is None else "yes" if answer else "no"
 
 
-def _published_cells(published: PublishedSweep, seed: int) -> list[str]:
-    run = published.run_of_seed(seed)
-    if run is None:
-        return [""] * 4
-    return [
-        *_numbers(run.train_fitness, run.test_mean, run.complexity_M),
-        _yes(published.is_solved(run)),
-    ]
+def _shown(value: float | None, decimals: int) -> str:
+    return "" if value is None else f"{value:.{decimals}f}"
 
 
-def _published_means(published: PublishedSweep) -> list[str]:
-    columns = zip(
-        *((run.train_fitness, run.test_mean, run.complexity_M) for run in published.runs), strict=True
-    )
-    return [*_numbers(*map(_mean, columns)), f"{published.solved} of {len(published.runs)}"]
-
-
-def _numbers(train_fitness: float, test_mean: float, complexity: float) -> list[str]:
-    return [f"{train_fitness:.2f}", f"{test_mean:.2f}", f"{complexity:.1f}"]
-
-
-def _yes(solved: bool | None) -> str:
-    return "" if solved is None else "yes" if solved else "no"
-
-
-def _share(runs: Sequence[Summary]) -> str:
-    return f"{sum(bool(run.solved) for run in runs)} of {len(runs)}"
-
-
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table, all columns but the first aligned to the right."""
-    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table for a terminal, all columns aligned to the right."""
-    lines = [head, *rows]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join(
-        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in lines
-    )
-
-
-def alternating(ours: Sequence[str], theirs: Sequence[str]) -> list[str]:
-    """Return two rows as one, a cell of ours and one of theirs in turn."""
-    return [cell for pair in zip(ours, theirs, strict=True) for cell in pair]
-
-
-def _mean(values: Iterable[float]) -> float:
-    return float(np.mean(list(values)))
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None

@@ -1,0 +1,1 @@
+"""The thesis' comparison: its printed numbers beside ours, and its question whether refinement saves generations."""
