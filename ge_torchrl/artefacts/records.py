@@ -56,6 +56,12 @@ class GenerationRecord:
     refined: int = 0
     polished: int = 0
 
+    @property
+    def best(self) -> float | None:
+        """The best fitness so far, refined trees included; None where there is no tree."""
+        measured = (value for value in (self.best_fitness, self.best_refined) if value is not None)
+        return max(measured, default=None)
+
 
 @dataclass(frozen=True)
 class RefinementRecord:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 from ge_torchrl.errors import ArtefactError, UserError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, which people of all kinds of colour vision tell apart.
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, YELLOW, GREY = "#56B4E9", "#CC79A7", "#F0E442", "#999999"
-
-RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+_RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 
 PLOTS_HINT = 'figures need matplotlib; expected it installed: pip install "ge-torchrl[plots]"'
 
@@ -46,6 +46,32 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
     return figure
+
+
+def new_axes(title: str, solved_at: float | None) -> tuple[Figure, Axes]:
+    """Return a figure with empty axes, with a dashed line where a task counts as solved.
+
+    Args:
+        title: Stands above the axes.
+        solved_at: The threshold, or None.
+
+    Raises:
+        UserError: matplotlib is not installed.
+    """
+    figure = new_figure(6.4, 4.0)
+    figure.set_layout_engine("constrained")
+    axes = figure.add_subplot()
+    axes.set_title(title, loc="left")
+    axes.spines[["top", "right"]].set_visible(False)
+    if solved_at is not None:
+        label = f"solved from {solved_at:g}"
+        axes.axhline(solved_at, color="black", linestyle="--", linewidth=1, label=label)
+    return figure, axes
+
+
+def run_colours(n: int) -> list[str]:
+    """Return colours for so many runs or methods; beyond six they begin again."""
+    return [_RUN_COLOURS[i % len(_RUN_COLOURS)] for i in range(n)]
 
 
 def save_figure(figure: Figure, path: Path) -> tuple[Path, Path]:

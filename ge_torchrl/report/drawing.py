@@ -19,9 +19,9 @@ from ge_torchrl.report.canvas import (
     new_figure,
     save_figure,
 )
-from ge_torchrl.trees.decision_tree import DecisionTree
-from ge_torchrl.trees.labels import TreeLabels
-from ge_torchrl.trees.rendering import check_labels, shortest_decimal
+from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.text import leaf_text, split_text
+from ge_torchrl.trees.tree import DecisionTree
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,10 +42,10 @@ _LABEL_AT = 0.55
 
 
 class Layout(NamedTuple):
-    """Where nodes stand, in inches from the lower left corner of the figure.
+    """Where nodes stand, in inches from the lower left corner of the figure: the splits, and after them the leaves.
 
     Attributes:
-        x: [N] centres.
+        x: [N] centres, `N = M + L`.
         y: [N] centres.
         widths: [N] widths of the boxes.
         size: Width and height of the figure.
@@ -57,42 +57,44 @@ class Layout(NamedTuple):
     size: tuple[float, float]
 
 
-def draw_tree(tree: DecisionTree, labels: TreeLabels) -> Figure:
+def draw_tree(controller: Controller) -> Figure:
     """Draw a tree: decisions as rounded boxes, leaves in the colour of their action, True to the left.
 
     Args:
-        tree: The tree.
-        labels: Names of its features and actions.
+        controller: The tree, with the names of its features and actions.
 
     Returns:
         A figure as large as the tree needs.
 
     Raises:
-        InvalidTreeError: The tree uses a feature or an action that the labels do not have.
         UserError: matplotlib is not installed.
     """
-    check_labels(tree, labels)
-    texts = [_text(tree, labels, node) for node in range(tree.n_nodes)]
+    tree, names = controller.tree, controller.names
+    n_splits = tree.num_decision_nodes
+    texts = [split_text(tree, names, split) for split in range(n_splits)]
+    texts += [leaf_text(tree, names, leaf) for leaf in range(tree.num_leaves)]
     figure = new_figure(1, 1)
     layout = tidy_layout(tree, np.array([_width(text) + 2 * _PADDING for text in texts]))
     figure.set_size_inches(layout.size)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set(xlim=(0, layout.size[0]), ylim=(0, layout.size[1]))
     axes.set_axis_off()
+    left, right = _children(tree)
     for node, text in enumerate(texts):
-        if not tree.is_leaf[node]:
-            _draw_edge(axes, layout, node, int(tree.children_left[node]), "True")
-            _draw_edge(axes, layout, node, int(tree.children_right[node]), "False")
-        _draw_box(axes, layout, node, text, action=int(tree.action[node]))
+        if node < n_splits:
+            _draw_edge(axes, layout, node, left[node], "True")
+            _draw_edge(axes, layout, node, right[node], "False")
+            _draw_box(axes, layout, node, text, "white", rounding=0.12)
+        else:
+            _draw_box(axes, layout, node, text, _leaf_colour(tree, node - n_splits), rounding=0.02)
     return figure
 
 
-def save_tree(tree: DecisionTree, labels: TreeLabels, path: Path) -> tuple[Path, Path]:
+def save_tree(controller: Controller, path: Path) -> tuple[Path, Path]:
     """Draw a tree and write it as SVG and PNG.
 
     Args:
-        tree: The tree.
-        labels: Names of its features and actions.
+        controller: The tree, with the names of its features and actions.
         path: Path of the files without suffix.
 
     Returns:
@@ -100,10 +102,9 @@ def save_tree(tree: DecisionTree, labels: TreeLabels, path: Path) -> tuple[Path,
 
     Raises:
         ArtefactError: The files cannot be written.
-        InvalidTreeError: The tree uses a feature or an action that the labels do not have.
         UserError: matplotlib is not installed.
     """
-    return save_figure(draw_tree(tree, labels), path)
+    return save_figure(draw_tree(controller), path)
 
 
 def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64]) -> Layout:
@@ -114,10 +115,11 @@ def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64]) -> Layout:
 
     Args:
         tree: The tree.
-        widths: [N] widths of the boxes.
+        widths: [N] widths of the boxes, the splits' first.
     """
     place, depth = _places(tree)
-    leaf, decision = widths[tree.is_leaf].max(), widths[~tree.is_leaf].max(initial=0.0)
+    n_splits = tree.num_decision_nodes
+    leaf, decision = widths[n_splits:].max(), widths[:n_splits].max(initial=0.0)
     distance = max(
         _LEAST_LEAF_DISTANCE, leaf + _GAP, (decision + _GAP) / 2, ((leaf + decision) / 2 + _GAP) / 1.5
     )
@@ -129,30 +131,32 @@ def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64]) -> Layout:
     return Layout(x, y, widths, (float((x + widths / 2).max()) + _MARGIN, float(height)))
 
 
+def _children(tree: DecisionTree) -> tuple[list[int], list[int]]:
+    """Return [M] the left and the right child of every split, where leaf `l` is node `M + l`."""
+    n_splits = tree.num_decision_nodes
+    left, right = (
+        np.where(children >= 0, children, n_splits + ~children).tolist()
+        for children in (tree.children_left, tree.children_right)
+    )
+    return left, right
+
+
 def _places(tree: DecisionTree) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return [N] the place of every node in units of a leaf's distance, and [N] its depth."""
-    place, depth = np.zeros(tree.n_nodes), np.zeros(tree.n_nodes, np.int64)
-    n_leaves, order, open_nodes = 0, [], [0]
-    while open_nodes:
-        node = open_nodes.pop()
-        if tree.is_leaf[node]:
-            place[node], n_leaves = n_leaves, n_leaves + 1
-            continue
-        order.append(node)
-        children = [int(tree.children_right[node]), int(tree.children_left[node])]
-        depth[children] = depth[node] + 1
-        open_nodes += children
-    for node in reversed(order):
-        place[node] = (place[tree.children_left[node]] + place[tree.children_right[node]]) / 2
+    n_splits, left, right = tree.num_decision_nodes, *_children(tree)
+    # Splits are numbered depth first, so that parents come before their children, and leaves from left to right.
+    place = np.concatenate([np.zeros(n_splits), np.arange(float(tree.num_leaves))])
+    depth = np.zeros(len(place), np.int64)
+    for split in range(n_splits):
+        depth[[left[split], right[split]]] = depth[split] + 1
+    for split in reversed(range(n_splits)):
+        place[split] = (place[left[split]] + place[right[split]]) / 2
     return place, depth
 
 
-def _text(tree: DecisionTree, labels: TreeLabels, node: int) -> str:
-    if tree.is_leaf[node]:
-        return labels.actions[int(tree.action[node])]
-    feature = int(tree.feature[node])
-    threshold = repr(shortest_decimal(tree.threshold[node])).removesuffix(".0")
-    return f"{labels.features[feature]} < {threshold} {labels.units[feature]}".rstrip()
+def _leaf_colour(tree: DecisionTree, leaf: int) -> str:
+    """Return the colour of a leaf's action; white where leaves hold values."""
+    return ACTION_COLOURS[int(tree.action[leaf]) % len(ACTION_COLOURS)] if tree.has_actions else "white"
 
 
 def _width(text: str) -> float:
@@ -163,12 +167,9 @@ def _width(text: str) -> float:
     return points / 72
 
 
-def _draw_box(axes: Axes, layout: Layout, node: int, text: str, action: int) -> None:
+def _draw_box(axes: Axes, layout: Layout, node: int, text: str, colour: str, *, rounding: float) -> None:
     from matplotlib.patches import FancyBboxPatch
 
-    is_leaf = action != DecisionTree.NO_ACTION
-    colour = ACTION_COLOURS[action % len(ACTION_COLOURS)] if is_leaf else "white"
-    rounding = 0.02 if is_leaf else 0.12
     x, y, width = layout.x[node], layout.y[node], layout.widths[node]
     axes.add_patch(
         FancyBboxPatch(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -10,24 +11,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.artefacts import BEST_TREE, CONFIG, HALL_OF_FAME_TREES, RunFolder, find_runs
-from ge_torchrl.environments.choose import open_route
+from ge_torchrl.artefacts.folder import ARCHIVE_TREES, BEST_TREE, CONFIG, RunFolder, find_runs
+from ge_torchrl.artefacts.records import Summary
+from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
 from ge_torchrl.errors import ArtefactError, UserError
-from ge_torchrl.records import Summary
-from ge_torchrl.report.closing import EvaluationSummary
-from ge_torchrl.report.evaluated import (
-    EvaluatedMethod,
-    EvaluatedRun,
-    EvaluatedTree,
-    SweepEvaluation,
-    ValidatedTree,
-)
+from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluationSummary, SweepEvaluation
 from ge_torchrl.report.methods import METHODS, method_of
+from ge_torchrl.report.sizes import SizedTree
+from ge_torchrl.report.tables import RunRow
 from ge_torchrl.seeding import episode_seeds, stream
-from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.files import read_controller
 from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.serialization import TreeDocument, read_tree
+from ge_torchrl.trees.tree import DecisionTree
+
+_TEST, _VALIDATION = "test", "validation"
 
 
 def evaluate(
@@ -39,8 +38,8 @@ def evaluate(
         path: A tree file, or a run folder, whose pruned tree is taken in the run's own environment.
         episodes: Number of episodes, at least 1.
         seed: Seed of the first episode.
-        route: "auto", "compiled" or "gymnasium".
-        nodes: Take the tree with so many decision nodes from the hall of fame of the run; None takes the champion.
+        route: "auto", "kernel" or "gymnasium".
+        nodes: Take the tree with so many decision nodes from the archive of the run; None takes the champion.
 
     Returns:
         What the tree did.
@@ -48,12 +47,9 @@ def evaluate(
     Raises:
         UserError: There is no such tree, it does not fit the environment, or the environment failed.
     """
-    document, spec = _read(path, nodes)
-    opened = open_route(spec, route)
-    try:
-        outcomes = opened.evaluate(Forest.stack([document.tree]), np.arange(seed, seed + episodes))
-    finally:
-        opened.close()
+    tree, spec = _read(path, nodes)
+    with closing(open_backend(spec, route)) as backend:
+        outcomes = backend.evaluate(Forest.stack([tree]), np.arange(seed, seed + episodes), _TEST)
     returns = outcomes.returns[0]
     mean = float(returns.mean())
     return EvaluationSummary(
@@ -64,10 +60,10 @@ def evaluate(
         max=float(returns.max()),
         episodes=episodes,
         seed=seed,
-        solved=None if spec.solved_at is None else spec.is_solved(mean),
+        solved=_is_solved(spec, mean),
         solved_at=spec.solved_at,
-        route=opened.name,
-        decision_nodes=document.tree.n_decision_nodes,
+        route=backend.name,
+        decision_nodes=tree.num_decision_nodes,
     )
 
 
@@ -82,13 +78,13 @@ def evaluate_runs(
     """Test the trees of all finished runs below a folder on the same episodes, as `evaluate` tests one.
 
     Each run validated its trees on episodes of its own, so that these means do not tell which run's tree of a size is
-    best. The trees of halls of fame are validated once more, on as many episodes as the test has, the same for all.
+    best. The trees of archives are validated once more, on as many episodes as the test has, the same for all.
 
     Args:
-        folder: The folder, with runs at any depth: of each the champion and its hall of fame, if it kept one.
+        folder: The folder, with runs at any depth: of each the champion and its archive, if it kept one.
         episodes: Number of episodes, at least 1.
         seed: Seed of the first episode.
-        route: "auto", "compiled" or "gymnasium".
+        route: "auto", "kernel" or "gymnasium".
         nodes: Test the trees with so many decision nodes alone, of the runs that have one; None tests all.
 
     Returns:
@@ -131,14 +127,16 @@ class _Candidates:
         method: By which method it searched.
         spec: Its environment.
         summary: Its summary.
-        chosen: Its champion, or the tree of the size that was asked for.
-        by_size: Its hall of fame.
+        champion: Its champion.
+        chosen: The champion, or the tree of the size that was asked for.
+        by_size: Its archive.
     """
 
     path: Path
     method: str
     spec: EnvironmentSpec
     summary: Summary
+    champion: DecisionTree
     chosen: DecisionTree
     by_size: tuple[DecisionTree, ...]
 
@@ -156,22 +154,22 @@ class _Candidates:
 
     def of(self, nodes: int) -> tuple[DecisionTree, ...]:
         """Return the tree of one size, if there is one."""
-        return tuple(tree for tree in self.by_size if tree.n_decision_nodes == nodes)
+        return tuple(tree for tree in self.by_size if tree.num_decision_nodes == nodes)
 
 
 def _candidates(folder: RunFolder) -> _Candidates:
     """Read the trees of one run."""
-    config, summary = folder.read_config(), folder.read_summary()
-    by_size = [
-        folder.read_hall_of_fame_tree(record.decision_nodes).tree for record in folder.read_hall_of_fame()
-    ]
+    champion = folder.read_best_tree().tree
     return _Candidates(
         path=folder.path,
-        method=method_of(config),
+        method=method_of(folder.read_config()),
         spec=_environment(folder),
-        summary=summary,
-        chosen=folder.read_tree().tree,
-        by_size=tuple(by_size),
+        summary=folder.read_summary(),
+        champion=champion,
+        chosen=champion,
+        by_size=tuple(
+            folder.read_archive_tree(record.decision_nodes).tree for record in folder.read_archive()
+        ),
     )
 
 
@@ -179,14 +177,14 @@ def _restricted(runs: Sequence[_Candidates], nodes: int, folder: Path) -> list[_
     """Return the runs that have a tree of one size, with that tree alone."""
     having = [replace(run, chosen=run.of(nodes)[0], by_size=run.of(nodes)) for run in runs if run.of(nodes)]
     if not having:
-        sizes = sorted({tree.n_decision_nodes for run in runs for tree in run.by_size})
+        sizes = sorted({tree.num_decision_nodes for run in runs for tree in run.by_size})
         if not sizes:
             raise ArtefactError(
-                f"the runs in {folder} must hold a hall of fame, as hall_of_fame.enabled=true makes it, to give trees "
-                f"with {nodes} decision nodes; they hold none"
+                f"the runs in {folder} must hold archives, as archive.keep above 0 makes them, to give trees with "
+                f"{nodes} decision nodes; they hold none"
             )
         raise ArtefactError(
-            f"the number of decision nodes must be one of {', '.join(map(str, sizes))}, because the halls of fame in "
+            f"the number of decision nodes must be one of {', '.join(map(str, sizes))}, because the archives in "
             f"{folder} have these; got {nodes}"
         )
     return having
@@ -197,63 +195,81 @@ def _evaluate_task(
 ) -> Iterator[EvaluatedMethod]:
     """Test all trees of one task together, and yield what they did, method by method."""
     spec = runs[0].spec
-    # A champion stands in its hall of fame too, and small trees are found again and again.
+    # A champion stands in its archive too, and small trees are found again and again.
     trees = list(dict.fromkeys(tree for run in runs for tree in run.trees))
     rivals = list(dict.fromkeys(tree for run in runs for tree in run.by_size))
-    opened = open_route(spec, route)
-    try:
-        returns = opened.evaluate(Forest.stack(trees), seeds).returns
-        validated = opened.evaluate(Forest.stack(rivals), validation_seeds).returns if rivals else ()
-    finally:
-        opened.close()
+    with closing(open_backend(spec, route)) as backend:
+        returns = backend.evaluate(Forest.stack(trees), seeds, _TEST).returns
+        validated = (
+            backend.evaluate(Forest.stack(rivals), validation_seeds, _VALIDATION).returns if rivals else ()
+        )
     tested = {
-        tree: EvaluatedTree(tree.n_decision_nodes, float(of.mean()), float(of.std()))
-        for tree, of in zip(trees, returns, strict=True)
+        tree: (float(of.mean()), float(of.std())) for tree, of in zip(trees, returns, strict=True)
     }
-    compared = {
-        tree: ValidatedTree(**vars(tested[tree]), validation_mean=float(of.mean()))
-        for tree, of in zip(rivals, validated, strict=True)
-    }
+    means = {tree: float(of.mean()) for tree, of in zip(rivals, validated, strict=True)}
     for method, alike in groupby(runs, key=lambda run: run.method):
         yield EvaluatedMethod(
             environment=spec.id,
             method=method,
             max_episode_steps=spec.max_episode_steps,
             solved_at=spec.solved_at,
-            route=opened.name,
-            runs=tuple(_evaluated(run, tested, compared) for run in alike),
+            route=backend.name,
+            runs=tuple(_evaluated(run, tested, means) for run in alike),
         )
 
 
 def _evaluated(
     run: _Candidates,
-    tested: Mapping[DecisionTree, EvaluatedTree],
-    compared: Mapping[DecisionTree, ValidatedTree],
+    tested: Mapping[DecisionTree, tuple[float, float]],
+    validation_means: Mapping[DecisionTree, float],
 ) -> EvaluatedRun:
+    mean, std = tested[run.chosen]
+    summary = run.summary
     return EvaluatedRun(
         path=str(run.path),
-        seed=run.summary.seed,
-        wall_seconds=run.summary.wall_seconds,
-        chosen=tested[run.chosen],
-        by_size=tuple(compared[tree] for tree in run.by_size),
+        row=RunRow(
+            summary.seed,
+            run.chosen.num_decision_nodes,
+            mean,
+            std,
+            _is_solved(run.spec, mean),
+            summary.wall_seconds,
+        ),
+        by_size=tuple(
+            SizedTree(
+                summary.seed,
+                tree.num_decision_nodes,
+                *tested[tree],
+                validation_means[tree],
+                is_champion=tree == run.champion,
+            )
+            for tree in run.by_size
+        ),
     )
 
 
-def _read(path: Path, nodes: int | None) -> tuple[TreeDocument, EnvironmentSpec]:
+def _read(path: Path, nodes: int | None) -> tuple[DecisionTree, EnvironmentSpec]:
     if path.is_dir():
         folder = RunFolder(path)
-        document = folder.read_tree() if nodes is None else folder.read_hall_of_fame_tree(nodes)
-        return document, _environment(folder)
+        controller = folder.read_best_tree() if nodes is None else folder.read_archive_tree(nodes)
+        return controller.tree, _environment(folder)
     if nodes is not None:
         raise ArtefactError(f"--nodes chooses a tree of a run, so expected a run's folder; got {path}")
-    document = read_tree(path)
-    run = path.parent.parent if path.parent.name == HALL_OF_FAME_TREES else path.parent
-    if (run / CONFIG).exists():
-        return document, _environment(RunFolder(run))
-    labels = document.labels
-    return document, describe(labels.environment, labels.features, labels.units, labels.actions)
+    controller = read_controller(path)
+    run = path.parent.parent if path.parent.name == ARCHIVE_TREES else path.parent
+    of_run = (run / CONFIG).exists()
+    return controller.tree, _environment(RunFolder(run)) if of_run else _environment_of(controller)
 
 
 def _environment(folder: RunFolder) -> EnvironmentSpec:
     env = folder.read_config().env
     return describe(env.id, env.features, env.units, env.actions, env.solved_at, env.max_episode_steps)
+
+
+def _environment_of(controller: Controller) -> EnvironmentSpec:
+    names = controller.names
+    return describe(names.id, names.features, names.units, names.actions, None, names.max_episode_steps)
+
+
+def _is_solved(spec: EnvironmentSpec, mean: float) -> bool | None:
+    return None if spec.solved_at is None else spec.is_solved(mean)

@@ -5,29 +5,28 @@ from __future__ import annotations
 from ge_torchrl.config import Config
 
 GE, THESIS = "GE", "thesis"
-_POLISH = "+polish"
-_REFINERS = {"none": "", "ppo": "PPO", "cmaes": "CMA-ES"}
+_PPO, _CMAES, _POLISH = "GE+PPO", "GE+CMA-ES", "+polish"
 
-METHODS = (
-    THESIS,
-    *(f"{GE}+{name}{polish}" for name in ("PPO", "CMA-ES") for polish in (_POLISH, "")),
-    f"{GE}{_POLISH}",
-    GE,
-)
+METHODS = (THESIS, _PPO + _POLISH, _PPO, _CMAES, GE + _POLISH, GE)
 """All methods, in the order in which reports tell of them."""
 
 
 def method_of(config: Config) -> str:
     """Return by which method a configuration searches, one of `METHODS`."""
-    if _is_thesis(config):
-        return THESIS
-    refiner = _REFINERS[config.refiner.method]
-    return f"{GE}{'+' * bool(refiner)}{refiner}{_POLISH * (config.polish.every is not None)}"
+    polish = _POLISH if config.polish.enabled else ""
+    match config.refiner.method:
+        case "cmaes":
+            # Its search is that of the polish, so that a polish beside it is nothing of its own.
+            return _CMAES
+        case "ppo":
+            return THESIS if _is_thesis(config) else _PPO + polish
+        case _:
+            return GE + polish
 
 
 def refiner_of(method: str) -> str:
-    """Return what refines trees by gradients or by search, such as "PPO"; an empty text where nothing does."""
-    return "PPO" if method == THESIS else added_by(method).removesuffix("polish").removesuffix(" and ")
+    """Return what refines trees besides any polish, such as "PPO"; an empty text where nothing does."""
+    return "PPO" if method == THESIS else method.removesuffix(_POLISH).removeprefix(GE).removeprefix("+")
 
 
 def added_by(method: str) -> str:
@@ -36,6 +35,5 @@ def added_by(method: str) -> str:
 
 
 def _is_thesis(config: Config) -> bool:
-    """Tell whether PPO refines individuals alone, of a selection without parsimony, and nothing else is done."""
-    keeps_to_it = not config.archive.keep and config.polish.every is None and config.ge.parsimony == "none"
-    return keeps_to_it and config.refiner.method == "ppo"
+    """Tell whether nothing is added to PPO on individuals, and fitness alone selects."""
+    return not config.archive.enabled and not config.polish.enabled and config.ge.parsimony == "none"

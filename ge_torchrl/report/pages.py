@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -13,17 +13,23 @@ from ge_torchrl import __version__
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report.canvas import save_figure
 from ge_torchrl.report.drawing import save_tree
-from ge_torchrl.report.figures import convergence_figure, pairs_figure, solving_figure
-from ge_torchrl.report.findings import comparison_text, method_text, overview_table, refinements_text
-from ge_torchrl.report.hall_of_fame import hall_of_fame_table, size_figure
-from ge_torchrl.report.methods import GE, refiner_of
-from ge_torchrl.report.runs import FoundRuns, Pair, Run, pair_by_seed, read_runs
+from ge_torchrl.report.figures import convergence_figure
+from ge_torchrl.report.findings import method_text, overview_table
+from ge_torchrl.report.methods import GE, METHODS, THESIS, added_by, refiner_of
+from ge_torchrl.report.refinements import refinements_text
+from ge_torchrl.report.runs import FoundRuns, Run, best_run, gather_runs
+from ge_torchrl.report.sizes import by_size, sizes_figure, sizes_table
+from ge_torchrl.report.thesis.beside import published_beside, refinements_of
+from ge_torchrl.report.thesis.figures import pairs_figure, solving_figure
+from ge_torchrl.report.thesis.pairs import Pair, comparison_text, pair_by_seed, telling_pairs
 
 REPORT = "report.md"
-# The thesis' figure 4.2 shows as many.
-_SHOWN_PAIRS = 3
 # Intervals are resampled from here, so that equal artefacts give equal reports.
 _RESAMPLING_SEED = 0
+_BY_SIZE = (
+    "Each run chose its trees in validation on episodes of its own. The tree to take is the best in validation of all "
+    "runs; the best of runs is chosen by the test itself, so its mean flatters."
+)
 
 
 def write_report(folder: Path, against: Path | None, output: Path) -> Path:
@@ -58,57 +64,6 @@ def write_report(folder: Path, against: Path | None, output: Path) -> Path:
     return path
 
 
-def gather_runs(folder: Path, against: Path | None = None) -> FoundRuns:
-    """Return the runs of `folder`, and of `against` those of methods that `folder` lacks.
-
-    Args:
-        folder: Where the runs are.
-        against: Where runs of other methods are, or None.
-
-    Returns:
-        Runs in the order of environment, method, seed and path.
-
-    Raises:
-        ArtefactError: A folder has no run, or `against` adds none.
-    """
-    found = read_runs(folder)
-    if against is None:
-        return found
-    environments = {run.environment for run in found.runs}
-    present = {(run.environment, run.method) for run in found.runs}
-    others = read_runs(against)
-    added = [
-        run
-        for run in others.runs
-        if run.environment in environments and (run.environment, run.method) not in present
-    ]
-    if not added:
-        raise ArtefactError(
-            f"--against must hold runs of a method that {folder} lacks in the same environment, to compare them; "
-            f"those in {against} are of {', '.join(sorted({f'{r.environment} {r.method}' for r in others.runs}))}"
-        )
-    return FoundRuns.in_order([*found.runs, *added], [*found.unreadable, *others.unreadable])
-
-
-def best_run(runs: Sequence[Run]) -> Run:
-    """Return the run whose champion did best in validation, of equals that with the simplest champion.
-
-    The test is left out of the choice, so that the champion's test mean stays an honest measurement.
-    """
-    return max(runs, key=lambda run: (run.summary.validation_mean, -run.summary.complexity_M))
-
-
-def telling_pairs(pairs: Sequence[Pair], solved_at: float) -> list[Pair]:
-    """Return the few pairs in which refinement saved most generations, in the order of their seeds."""
-
-    def saved(pair: Pair) -> int:
-        refined, plain = (run.solving_time(solved_at).generations for run in pair)
-        return plain - refined
-
-    most = sorted(pairs, key=saved, reverse=True)[:_SHOWN_PAIRS]
-    return sorted(most, key=lambda pair: pair.refined.seed)
-
-
 def _head(folder: Path, found: FoundRuns) -> str:
     n = len(found.runs)
     return (
@@ -120,9 +75,13 @@ def _head(folder: Path, found: FoundRuns) -> str:
 
 
 def _methods(runs: Sequence[Run]) -> str:
-    refining = [method for method in dict.fromkeys(run.method for run in runs) if method != GE]
-    told = [f", {method} with trees refined by {refiner_of(method)}" for method in sorted(refining)]
+    present = {run.method for run in runs}
+    told = [f", {method} {_described(method)}" for method in METHODS if method in present - {GE}]
     return f"GE is Grammatical Evolution alone{''.join(told)}"
+
+
+def _described(method: str) -> str:
+    return "with PPO as the thesis applies it" if method == THESIS else f"with {added_by(method)}"
 
 
 def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Iterator[str]:
@@ -134,16 +93,18 @@ def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Ite
         yield f"Solved from a mean return of {solved_at:g} on {episodes} unseen episodes."
     for method, members in methods.items():
         yield f"### {environment}: {method}\n\n{method_text(members, rng)}"
-        if method != GE:
-            yield f"### {environment}: what {refiner_of(method)} did\n\n{refinements_text(members)}"
-    compared = {method: pairs for method in methods if method != GE and (pairs := pair_by_seed(runs, method))}
+        if refiner := refiner_of(method):
+            published = published_beside(method, environment)
+            theirs = "" if published is None else f"\n{refinements_of(published)}"
+            yield f"### {environment}: what {refiner} did in {method}\n\n{refinements_text(members)}{theirs}"
+    compared = {method: pairs for method in methods if (pairs := pair_by_seed(runs, method))}
     for method, pairs in compared.items():
         if solved_at is not None:
             yield (
-                f"### {environment}: generations to solve, with {refiner_of(method)} and without\n\n"
+                f"### {environment}: generations to solve, {method} and GE alone\n\n"
                 f"{comparison_text(pairs, solved_at, rng)}"
             )
-    yield from _halls_of_fame(methods, output / "figures" / _slug(f"{environment}-sizes"))
+    yield from _sizes(methods, output / "figures" / _slug(f"{environment}-sizes"))
     yield from _figures(methods, output / "figures" / _slug(environment), rng)
     for method, pairs in compared.items():
         if solved_at is not None:
@@ -152,7 +113,7 @@ def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Ite
         yield _best_tree(method, best_run(members), output / "trees" / _slug(f"{environment} {method}"))
 
 
-def _figures(methods: dict[str, list[Run]], stem: Path, rng: np.random.Generator) -> Iterator[str]:
+def _figures(methods: Mapping[str, Sequence[Run]], stem: Path, rng: np.random.Generator) -> Iterator[str]:
     first = next(iter(methods.values()))[0]
     histories = {method: [run.history for run in runs] for method, runs in methods.items()}
     yield f"### {first.environment}: figures"
@@ -166,7 +127,8 @@ def _figures(methods: dict[str, list[Run]], stem: Path, rng: np.random.Generator
 
 
 def _pair_figures(pairs: Sequence[Pair], solved_at: float, stem: Path) -> Iterator[str]:
-    environment, method, refiner = pairs[0].refined.environment, pairs[0].method, refiner_of(pairs[0].method)
+    environment, method = pairs[0].treated.environment, pairs[0].method
+    added = added_by(method)
     figure = solving_figure(pairs, title=environment, solved_at=solved_at)
     yield _image(
         save_figure(figure, stem.with_name(f"{stem.name}-solving"))[0],
@@ -175,44 +137,45 @@ def _pair_figures(pairs: Sequence[Pair], solved_at: float, stem: Path) -> Iterat
     )
     shown = telling_pairs(pairs, solved_at)
     figure = pairs_figure(shown, title=environment, solved_at=solved_at)
-    chosen = "" if len(shown) == len(pairs) else f" The pairs in which {refiner} saved most are shown."
+    chosen = "" if len(shown) == len(pairs) else f" The pairs in which {added} saved most are shown."
     yield _image(
         save_figure(figure, stem.with_name(f"{stem.name}-pairs"))[0],
         "Single runs",
-        f"Single runs: {method} solid, GE alone dotted, rings where {refiner} was applied or, where it was applied "
-        f"often, gave a new best.{chosen}",
+        f"Single runs: {method} solid, GE alone dotted, rings where a tree was refined or, where many were, "
+        f"gave a new best.{chosen}",
     )
 
 
-def _halls_of_fame(methods: dict[str, list[Run]], path: Path) -> Iterator[str]:
-    keeping = {
-        method: kept for method, runs in methods.items() if (kept := [r for r in runs if r.hall_of_fame])
+def _sizes(methods: Mapping[str, Sequence[Run]], path: Path) -> Iterator[str]:
+    rows_of = {
+        method: rows
+        for method, runs in methods.items()
+        if (rows := by_size(tree for run in runs for tree in run.by_size))
     }
-    if not keeping:
+    if not rows_of:
         return
-    first = next(iter(keeping.values()))[0]
-    for method, runs in keeping.items():
+    first = next(iter(methods.values()))[0]
+    for method, rows in rows_of.items():
         yield (
-            f"### {first.environment}: the best trees of each size, {method}\n\n{hall_of_fame_table(runs)}\n\n"
-            "Each tree was chosen by validation; the column before the last is the test mean of the one that did best "
-            "there, of all runs."
+            f"### {first.environment}: the best trees of each size, {method}\n\n{sizes_table(rows).markdown()}\n\n"
+            f"{_BY_SIZE}"
         )
-    figure = size_figure(keeping, title=first.environment, solved_at=first.summary.solved_at)
+    figure = sizes_figure(rows_of, title=first.environment, solved_at=first.summary.solved_at)
     yield _image(
         save_figure(figure, path)[0],
-        "Test mean against size",
+        "Test mean against decision nodes",
         "Test mean of each run's best tree of each size, and the median over runs.",
     )
 
 
 def _best_tree(method: str, run: Run, stem: Path) -> str:
-    pruned, _ = save_tree(run.pruned.tree, run.pruned.labels, stem)
-    full, _ = save_tree(run.full.tree, run.full.labels, stem.with_name(f"{stem.name}-full"))
+    pruned, _ = save_tree(run.pruned, stem)
+    full, _ = save_tree(run.full, stem.with_name(f"{stem.name}-full"))
     caption = (
         f"Seed {run.seed}, pruned: test mean {run.summary.test_mean:.2f}, M = {run.summary.complexity_M:g}. "
         "It is the best in validation, so that the test stays unseen."
     )
-    decisions = run.full.tree.n_decision_nodes
+    decisions = run.full.tree.num_decision_nodes
     return (
         f"### {run.environment}: the best tree of {method}\n\n{_image(pruned, 'The tree', caption)}\n\n"
         f"[In full](trees/{full.name}): {decisions} decision node{'' if decisions == 1 else 's'} before pruning."

@@ -1,14 +1,20 @@
-"""What refinement did to trees: its applications counted, and what was lost on the way."""
+"""What refinement did to trees: counted by origin, and what was lost on the way."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ge_torchrl.records import RefinementRecord
+from ge_torchrl.artefacts.records import RefinementRecord
+from ge_torchrl.report.methods import refiner_of
+from ge_torchrl.report.runs import Run
+from ge_torchrl.report.tables import Table
+
+_ORIGINS = {"individual": "individuals", "neighbour": "neighbours", "archive": "of the archive"}
 
 
 class Bridges(NamedTuple):
@@ -48,9 +54,10 @@ class RefinementCounts:
         beyond_fitness: Those whose return after exceeds the fitness before, as the thesis counts. The one is
             measured on many unseen episodes, the other on the few training episodes.
         beyond_return: Those whose return after exceeds the return before, on the same unseen episodes.
+        below_return: Those whose return after is below the return before.
         new_best: Those that became the best of their generation.
         written_back: Those that, snapped to the grammar's constants, took their source's place in the population.
-        moved_thresholds: Those that changed a threshold.
+        moved_parameters: Those that changed a number of the tree.
         changed_leaves: Those that changed a leaf's action.
         failed: Those whose training broke off.
         skipped: Times that no candidate was found; they are not in `applied`.
@@ -61,9 +68,10 @@ class RefinementCounts:
     applied: int
     beyond_fitness: int
     beyond_return: int
+    below_return: int
     new_best: int
     written_back: int
-    moved_thresholds: int
+    moved_parameters: int
     changed_leaves: int
     failed: int
     skipped: int
@@ -83,15 +91,61 @@ def count_refinements(records: Iterable[RefinementRecord]) -> RefinementCounts:
         applied=len(applied),
         beyond_fitness=sum(_exceeds(record.return_after, record.fitness_before) for record in applied),
         beyond_return=sum(_exceeds(record.return_after, record.return_before) for record in applied),
+        below_return=sum(_exceeds(record.return_before, record.return_after) for record in applied),
         new_best=sum(record.new_best for record in applied),
         written_back=sum(record.written_back for record in applied),
-        moved_thresholds=sum(bool(record.thresholds_moved) for record in applied),
+        moved_parameters=sum(bool(record.parameters_moved) for record in applied),
         changed_leaves=sum(bool(record.leaves_changed) for record in applied),
         failed=sum(record.outcome == "failed" for record in applied),
         skipped=len(every) - len(applied),
         timesteps=sum(record.timesteps or 0 for record in applied),
         bridges=_bridges(applied),
     )
+
+
+def refinements_text(runs: Sequence[Run]) -> str:
+    """Return how many refinements improved a tree, by origin, and what was lost on the way.
+
+    Args:
+        runs: Runs of one method with a refiner in one environment.
+    """
+    records = [record for run in runs for record in run.refinements]
+    counts = count_refinements(records)
+    lines = [] if counts.bridges is None else [_bridges_line(counts.bridges)]
+    lines.append(_champions_line(runs, is_written_back=counts.written_back > 0))
+    if polished := sum(run.summary.polished for run in runs):
+        seconds = np.mean([run.summary.polish_seconds for run in runs])
+        lines.append(
+            f"* Besides, {polished:,} trees were polished by local search, {polished / len(runs):,.0f} a run in "
+            f"{seconds:.1f} s."
+        )
+    if counts.skipped:
+        were = "was" if counts.skipped == 1 else "were"
+        lines.append(f"* {counts.skipped:,} more {were} skipped, as no tree could be a candidate.")
+    return f"{_counts_table(records, refiner_of(runs[0].method)).markdown()}\n\n" + "\n".join(lines)
+
+
+def _counts_table(records: Sequence[RefinementRecord], refiner: str) -> Table:
+    """Return a row a way of counting, and a column an origin."""
+    of_origin = {
+        name: count_refinements(record for record in records if record.origin == origin)
+        for origin, name in _ORIGINS.items()
+    }
+    counts = {name: counted for name, counted in of_origin.items() if counted.applied}
+    columns = list(counts.values()) or [count_refinements(records)]
+    rows = {
+        "in all": [of.applied for of in columns],
+        "return after > fitness before, as the thesis counts": [of.beyond_fitness for of in columns],
+        "return after > return before, on the same unseen episodes": [of.beyond_return for of in columns],
+        "return after < return before": [of.below_return for of in columns],
+        "best of its generation": [of.new_best for of in columns],
+        "written back into the population": [of.written_back for of in columns],
+        "some parameter moved": [of.moved_parameters for of in columns],
+        "some leaf changed its action": [of.changed_leaves for of in columns],
+        "training broke off": [of.failed for of in columns],
+    }
+    head = (f"trees refined by {refiner}", *(counts or ("individuals",)))
+    return Table.of(head, ((what, *(f"{n:,}" for n in numbers)) for what, numbers in rows.items()))
 
 
 def _bridges(applied: Sequence[RefinementRecord]) -> Bridges | None:
@@ -109,5 +163,32 @@ def _bridges(applied: Sequence[RefinementRecord]) -> Bridges | None:
     return Bridges(len(rows), before, soft if is_soft else None, after, snapped)
 
 
+def _bridges_line(bridges: Bridges) -> str:
+    hardening = ""
+    if bridges.soft is not None and bridges.lost_in_hardening is not None:
+        hardening = (
+            f"{bridges.lost_in_hardening:.2f} in hardening (soft {bridges.soft:.2f} -> {bridges.after:.2f}), "
+        )
+    return (
+        f"* Mean loss of each bridge, of the {_number(bridges.applications, 'tree')} with all returns known: "
+        f"{hardening}{bridges.lost_in_snapping:.2f} in snapping to the grammar's constants "
+        f"({bridges.after:.2f} -> {bridges.snapped:.2f}). Before, they returned {bridges.before:.2f}."
+    )
+
+
+def _champions_line(runs: Sequence[Run], *, is_written_back: bool) -> str:
+    origins = Counter(run.summary.champion_from for run in runs)
+    polished = f", and a polished one in {origins['polish']}" if any(run.summary.polished for run in runs) else ""
+    caveat = " A tree that was written back counts as one of the population." if is_written_back else ""
+    return (
+        f"* The champion is a refined tree in {origins['refinement']} of {_number(len(runs), 'run')}"
+        f"{polished}.{caveat}"
+    )
+
+
 def _exceeds(after: float | None, before: float | None) -> bool:
     return after is not None and before is not None and after > before
+
+
+def _number(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"

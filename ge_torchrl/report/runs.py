@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ge_torchrl.artefacts import BEST_TREE_FULL, HISTORY, RunFolder, find_runs
+from ge_torchrl.artefacts.folder import HISTORY, RunFolder, find_runs
+from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, UserError
-from ge_torchrl.records import GenerationRecord, HallOfFameRecord, RefinementRecord, Summary
-from ge_torchrl.report.methods import GE, GE_PPO, METHODS, method_of
-from ge_torchrl.report.statistics import SolvingTime, solving_time
-from ge_torchrl.trees.serialization import TreeDocument, read_tree
+from ge_torchrl.report.methods import METHODS, method_of
+from ge_torchrl.report.sizes import SizedTree, trees_of_archive
+from ge_torchrl.trees.controller import Controller
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class Run:
         config: Its configuration.
         summary: What it found.
         history: Its generations.
-        refinements: Its refinements, skipped ones included; none in a run of GE alone.
+        refinements: Its refinements, skipped ones included; none in a run without a refiner.
         pruned: The champion.
         full: The champion as its genotype maps to it.
-        hall_of_fame: Its best tree of each size, from small to large; none where it kept no hall of fame.
+        archive: Its best tree of each size, from small to large; none where it kept no archive.
     """
 
     path: Path
@@ -36,9 +36,9 @@ class Run:
     summary: Summary
     history: tuple[GenerationRecord, ...]
     refinements: tuple[RefinementRecord, ...]
-    pruned: TreeDocument
-    full: TreeDocument
-    hall_of_fame: tuple[HallOfFameRecord, ...] = ()
+    pruned: Controller
+    full: Controller
+    archive: tuple[ArchiveRecord, ...] = ()
 
     @property
     def method(self) -> str:
@@ -55,26 +55,10 @@ class Run:
         """Seed of the run."""
         return self.summary.seed
 
-    def solving_time(self, threshold: float) -> SolvingTime:
-        """Return when the best fitness, refined trees included, reached a threshold."""
-        return solving_time(self.history, threshold)
-
-
-class Pair(NamedTuple):
-    """Two runs of one environment and seed.
-
-    Attributes:
-        refined: The run with refined trees.
-        plain: The run of GE alone.
-    """
-
-    refined: Run
-    plain: Run
-
     @property
-    def method(self) -> str:
-        """The method of the run with refined trees."""
-        return self.refined.method
+    def by_size(self) -> Iterator[SizedTree]:
+        """The tested trees of its archive."""
+        return trees_of_archive(self.archive, self.seed, self.summary.decision_nodes)
 
 
 class FoundRuns(NamedTuple):
@@ -139,35 +123,47 @@ def read_run(path: Path) -> Run:
         summary=folder.read_summary(),
         history=tuple(history),
         refinements=tuple(folder.read_refinements()) if config.refiner.enabled else (),
-        pruned=folder.read_tree(),
-        full=read_tree(path / BEST_TREE_FULL),
-        hall_of_fame=tuple(folder.read_hall_of_fame()),
+        pruned=folder.read_best_tree(),
+        full=folder.read_best_tree_full(),
+        archive=tuple(folder.read_archive()),
     )
 
 
-def pair_by_seed(runs: Sequence[Run], method: str = GE_PPO) -> tuple[Pair, ...]:
-    """Return for every seed with a run of a method and one of GE alone that pair; of several of a seed the first.
+def gather_runs(folder: Path, against: Path | None = None) -> FoundRuns:
+    """Return the runs of `folder`, and of `against` those of methods that `folder` lacks.
 
     Args:
-        runs: Runs of one environment.
-        method: The method with refined trees.
+        folder: Where the runs are.
+        against: Where runs of other methods are, or None.
+
+    Returns:
+        Runs in the order of environment, method, seed and path.
+
+    Raises:
+        ArtefactError: A folder has no run, or `against` adds none.
     """
-    first: dict[tuple[str, int], Run] = {}
-    for run in runs:
-        first.setdefault((run.method, run.seed), run)
-    return tuple(
-        Pair(first[method, seed], first[GE, seed])
-        for seed in sorted({run.seed for run in runs})
-        if (method, seed) in first and (GE, seed) in first
-    )
+    found = read_runs(folder)
+    if against is None:
+        return found
+    environments = {run.environment for run in found.runs}
+    present = {(run.environment, run.method) for run in found.runs}
+    others = read_runs(against)
+    added = [
+        run
+        for run in others.runs
+        if run.environment in environments and (run.environment, run.method) not in present
+    ]
+    if not added:
+        raise ArtefactError(
+            f"--against must hold runs of a method that {folder} lacks in the same environment, to compare them; "
+            f"those in {against} are of {', '.join(sorted({f'{r.environment} {r.method}' for r in others.runs}))}"
+        )
+    return FoundRuns.in_order([*found.runs, *added], [*found.unreadable, *others.unreadable])
 
 
-def unequal_sections(pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """Return the sections of the configuration, the refiner's apart, in which the runs of some pair differ."""
-    differing = {
-        section
-        for refined, plain in pairs
-        for section, values in refined.config.as_mapping().items()
-        if section != "refiner" and values != plain.config.as_mapping()[section]
-    }
-    return tuple(sorted(differing))
+def best_run(runs: Iterable[Run]) -> Run:
+    """Return the run whose champion did best in validation, of equals that with the simplest champion.
+
+    The test is left out of the choice, so that the champion's test mean stays an honest measurement.
+    """
+    return max(runs, key=lambda run: (run.summary.validation_mean, -run.summary.complexity_M))

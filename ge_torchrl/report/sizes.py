@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ge_torchrl.artefacts.records import ArchiveRecord
-from ge_torchrl.report.canvas import GREY, RUN_COLOURS, new_figure
+from ge_torchrl.report.canvas import new_axes, run_colours
 from ge_torchrl.report.tables import Table
 
 if TYPE_CHECKING:
@@ -166,15 +166,10 @@ def sizes_figure(methods: Mapping[str, Sequence[SizeRow]], *, title: str, solved
     Raises:
         UserError: matplotlib is not installed.
     """
-    figure = new_figure(6.4, 4.0)
-    figure.set_layout_engine("constrained")
-    axes = figure.add_subplot()
-    if solved_at is not None:
-        axes.axhline(solved_at, color=GREY, linestyle="--", linewidth=1, label=f"solved from {solved_at:g}")
+    figure, axes = new_axes(title, solved_at)
     sizes = {row.decision_nodes for rows in methods.values() for row in rows}
     sizes = sizes - {0} or sizes
-    for i, (method, all_rows) in enumerate(methods.items()):
-        colour = RUN_COLOURS[i % len(RUN_COLOURS)]
+    for (method, all_rows), colour in zip(methods.items(), run_colours(len(methods)), strict=True):
         rows = [row for row in all_rows if row.decision_nodes in sizes]
         for row in rows:
             means = [tree.mean for tree in row.trees]
@@ -182,9 +177,7 @@ def sizes_figure(methods: Mapping[str, Sequence[SizeRow]], *, title: str, solved
             axes.plot(at, means, color=colour, marker="o", markersize=3, alpha=0.5, linestyle="none")
         medians = [row.median for row in rows]
         axes.plot([row.decision_nodes for row in rows], medians, color=colour, label=f"{method}, median")
-    axes.set_title(title, loc="left")
     axes.set(xlabel="decision nodes", ylabel="test mean")
     axes.set_xticks(sorted(sizes))
-    axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, loc="best")
     return figure

@@ -12,9 +12,11 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from ge_torchrl.artefacts.records import GenerationRecord, RefinementRecord
 from ge_torchrl.config import Config
-from ge_torchrl.records import GenerationRecord, RefinementRecord
 from ge_torchrl.report.methods import method_of, refiner_of
+from ge_torchrl.report.printable import printable
+from ge_torchrl.run.remaining import duration, seconds_left
 
 # The table shows the generations that brought something new, and the last one.
 _SHOWN_ROWS = 12
@@ -22,137 +24,201 @@ _PLAIN_LINES = 12
 # Of more refinements than these only what is news gets a line.
 _MOST_REFINEMENTS = 12
 _REFRESH_SECONDS = 0.1
+# Plain output is silent for at most so long, and for a twentieth of a long run.
+_SILENCE_SECONDS, _SILENCE_SHARE = 5.0, 0.05
 
 
 class Progress:
-    """Shows generations as they come.
+    """Shows a run as it goes on: its generations, its refinements, and in between that it is alive.
 
     Args:
         console: Where to; a terminal gets the live table, anything else plain lines.
         generations: How many are planned.
-        config: The run's configuration, which tells how trees are refined; None tells nothing of it.
+        config: The run's configuration: how trees are refined, and the limits of the run.
+        fraction_after_search: Share of the whole run's time that the last refinement, validation and test are
+            expected to take.
     """
 
-    def __init__(self, console: Console, generations: int, config: Config | None = None) -> None:
+    def __init__(
+        self, console: Console, generations: int, config: Config, fraction_after_search: float = 0.0
+    ) -> None:
         self._console = console
         self._generations = generations
-        self._refiner = "refinement" if config is None else refiner_of(method_of(config))
-        self._refines_often = config is not None and _planned_refinements(config) > _MOST_REFINEMENTS
-        self._columns = _COLUMNS + (_EXPLORED,) * (config is not None and _explores(config))
+        self._refiner = refiner_of(method_of(config))
+        self._refines_often = _planned_refinements(config) > _MOST_REFINEMENTS
+        self._columns = _columns(config)
+        self._ge = config.ge
+        self._fraction_after_search = fraction_after_search
         self._milestones: list[GenerationRecord] = []
         self._last: GenerationRecord | None = None
+        self._printed: GenerationRecord | None = None
+        self._phase = "generation 0"
+        self._steps = 0
+        self._left: float | None = None
+        self._left_from = 0.0
         self._live: Live | None = None
-        self._shown_at = -1.0
+        self._started = self._shown_at = self._said_at = time.monotonic()
 
     def __enter__(self) -> Self:
+        self._started = self._said_at = time.monotonic()
         if self._console.is_terminal:
             self._live = Live(console=self._console, auto_refresh=False, transient=False)
             self._live.start()
+            self._refresh()
         else:
-            self._print_cells(self._columns)
+            self._print_cells(list(self._columns))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._phase = ""
         if self._live is not None:
             self._refresh()
             self._live.stop()
         elif self._last is not None and self._last is not self._printed:
-            self._print_line(self._last)
-
-    _printed: GenerationRecord | None = None
+            self._print_record(self._last)
 
     def show(self, record: GenerationRecord) -> None:
         """Show one more generation."""
         self._last = record
+        self._phase = f"generation {record.generation + 1}" if not self._is_last(record) else ""
+        self._steps = max(self._steps, record.env_steps)
+        self._left, self._left_from = self._left_after(record), time.monotonic()
         if not self._milestones or _improves(record, self._milestones[-1]):
             self._milestones.append(record)
-        if self._live is None:
-            if record.generation % max(1, self._generations // _PLAIN_LINES) == 0:
-                self._print_line(record)
-        elif time.monotonic() - self._shown_at >= _REFRESH_SECONDS:
-            self._refresh()
+        if self._live is not None:
+            self._refresh_where_due()
+        elif record.generation % max(1, self._generations // _PLAIN_LINES) == 0 or self._is_silent():
+            self._print_record(record)
 
     def show_refinement(self, record: RefinementRecord) -> None:
         """Show a refinement above the live table, or as a line of its own; of many only new bests and failures."""
         if self._refines_often and not (record.new_best or record.outcome == "failed"):
             return
-        console = self._console if self._live is None else self._live.console
-        console.print(_refinement_line(record, self._refiner), highlight=False, soft_wrap=True)
+        self._print(_refinement_line(record, self._refiner))
 
-    def _print_line(self, record: GenerationRecord) -> None:
+    def say(self, phase: str) -> None:
+        """Say what begins now, such as "Validating"; a generation ends it."""
+        self._phase = phase
+        if self._live is None:
+            self._print(phase)
+        else:
+            self._refresh()
+
+    def beat(self, steps: int) -> None:
+        """Show that the run is alive.
+
+        Args:
+            steps: All environment steps of the run so far.
+        """
+        self._steps = steps
+        if self._live is not None:
+            self._refresh_where_due()
+        elif self._is_silent():
+            self._print(self._status())
+
+    def _is_last(self, record: GenerationRecord) -> bool:
+        return record.generation + 1 >= self._generations
+
+    def _is_silent(self) -> bool:
+        silence = max(_SILENCE_SECONDS, _SILENCE_SHARE * self._seconds())
+        return time.monotonic() - self._said_at >= silence
+
+    def _seconds(self) -> float:
+        return time.monotonic() - self._started
+
+    def _status(self) -> str:
+        parts = [f"{self._steps:,} steps of the environment in {duration(self._seconds())}"]
+        if self._phase:
+            parts.insert(0, self._phase)
+        if self._left is not None:
+            left = self._left - (time.monotonic() - self._left_from)
+            parts.append(f"about {duration(max(0.0, left))} left")
+        return ", ".join(parts)
+
+    def _left_after(self, record: GenerationRecord) -> float:
+        return seconds_left(record, self._ge, self._fraction_after_search)
+
+    def _print(self, line: str) -> None:
+        console = self._console if self._live is None else self._live.console
+        text = printable(line, console.encoding)
+        console.print(text, highlight=False, soft_wrap=True, markup=False)
+        self._said_at = time.monotonic()
+
+    def _print_record(self, record: GenerationRecord) -> None:
         self._print_cells(self._cells(record))
         self._printed = record
 
-    def _print_cells(self, cells: tuple[str, ...]) -> None:
+    def _print_cells(self, cells: list[str]) -> None:
         widths = (max(len(title), _LEAST_WIDTH) for title in self._columns)
-        line = "  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))
-        self._console.print(line, highlight=False, soft_wrap=True)
+        self._print("  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
+
+    def _refresh_where_due(self) -> None:
+        if time.monotonic() - self._shown_at >= _REFRESH_SECONDS:
+            self._refresh()
 
     def _refresh(self) -> None:
         self._shown_at = time.monotonic()
-        if self._live is not None and self._last is not None:
-            self._live.update(self._table(self._last), refresh=True)
+        if self._live is not None:
+            self._live.update(self._drawn(), refresh=True)
 
-    def _table(self, last: GenerationRecord) -> Group:
+    def _drawn(self) -> Group:
+        status = Text(printable(self._status(), self._console.encoding), style="dim")
+        if self._last is None:
+            return Group(status)
         table = Table(box=None, pad_edge=False, header_style="bold")
         for title in self._columns:
             table.add_column(title, justify="right")
-        earlier = [record for record in self._milestones if record is not last]
+        earlier = [record for record in self._milestones if record is not self._last]
         for record in earlier[-_SHOWN_ROWS + 1 :]:
             table.add_row(*self._cells(record), style="dim")
-        table.add_row(*self._cells(last))
-        done = last.generation + 1
-        bar = ProgressBar(total=self._generations, completed=done, width=40)
+        table.add_row(*self._cells(self._last))
+        done = self._last.generation + 1
         below = Table.grid(padding=(0, 1))
-        below.add_row(bar, Text(f"{done} of {self._generations} generations", style="dim"))
-        return Group(table, below)
-
-    def _cells(self, record: GenerationRecord) -> tuple[str, ...]:
-        elapsed = max(record.elapsed_seconds, 1e-9)
-        left = elapsed / (record.generation + 1) * (self._generations - record.generation - 1)
-        cells = (
-            str(record.generation),
-            _number(_best(record)),
-            _number(record.median_fitness),
-            "-" if record.best_decision_nodes is None else str(record.best_decision_nodes),
-            _rate(record.env_steps / elapsed),
-            _duration(left),
-            f"{record.explored:,}",
+        below.add_row(
+            ProgressBar(total=self._generations, completed=done, width=40),
+            Text(f"{done} of {self._generations} generations", style="dim"),
         )
-        return cells[: len(self._columns)]
+        return Group(table, below, status)
+
+    def _cells(self, record: GenerationRecord) -> list[str]:
+        elapsed = max(record.elapsed_seconds, 1e-9)
+        cells = {
+            _GENERATION: str(record.generation),
+            _BEST: _number(record.best),
+            _MEDIAN: _number(record.median_fitness),
+            _NODES: "-" if record.best_decision_nodes is None else str(record.best_decision_nodes),
+            _REFINED: f"{record.refined:,}",
+            _POLISHED: f"{record.polished:,}",
+            _RATE: _rate(record.env_steps / elapsed),
+            _LEFT: duration(self._left_after(record)),
+        }
+        return [cells[title] for title in self._columns]
 
 
-_COLUMNS = ("generation", "best", "median", "splits of best", "env steps/s", "time left")
-# Trees refined so far in exploring from the hall of fame.
-_EXPLORED = "explored"
+_GENERATION, _BEST, _MEDIAN, _NODES = "generation", "best", "median", "splits of best"
+_REFINED, _POLISHED, _RATE, _LEFT = "refined", "polished", "env steps/s", "time left"
 _LEAST_WIDTH = 8
 
 
-def _planned_refinements(config: Config) -> float:
-    """Return how many trees of the population will be refined, as expected."""
-    refiner = config.refiner
-    generations = sum(map(refiner.schedule.applies_to, range(config.ge.generations)))
-    return generations * refiner.candidates * refiner.probability if refiner.enabled else 0
+def _columns(config: Config) -> tuple[str, ...]:
+    """Return the titles; trees are counted where there will be any."""
+    counts = (_REFINED,) * config.refiner.enabled + (_POLISHED,) * config.polish.enabled
+    return _GENERATION, _BEST, _MEDIAN, _NODES, *counts, _RATE, _LEFT
 
 
-def _explores(config: Config) -> bool:
-    """Tell whether trees will be refined in exploring from the hall of fame."""
-    hall = config.hall_of_fame
-    return hall.neighbours + hall.revisits > 0
-
-
-def _best(record: GenerationRecord) -> float | None:
-    """The best of the population and of the refined trees."""
-    return max(
-        (best for best in (record.best_fitness, record.best_refined) if best is not None), default=None
-    )
+def _planned_refinements(config: Config) -> int:
+    """Return how many trees will be refined at most, those proposed by the archive included."""
+    if not config.refiner.enabled:
+        return 0
+    scheduled = sum(map(config.refiner.schedule.applies_to, range(config.ge.generations)))
+    proposals = config.archive.neighbours + config.archive.revisits
+    return scheduled * (config.refiner.candidates + proposals)
 
 
 def _improves(record: GenerationRecord, on: GenerationRecord) -> bool:
-    ours, theirs = _best(record), _best(on)
-    return ours is not None and (theirs is None or ours > theirs)
+    return record.best is not None and (on.best is None or record.best > on.best)
 
 
 def _refinement_line(record: RefinementRecord, refiner: str) -> str:
@@ -160,7 +226,7 @@ def _refinement_line(record: RefinementRecord, refiner: str) -> str:
     if record.outcome == "skipped":
         return f"{front} skipped, no candidate in {record.redraws} redraws"
     nodes = "1 node" if record.decision_nodes == 1 else f"{record.decision_nodes} nodes"
-    what = f"{front} {record.chosen} tree of {nodes}"
+    what = f"{front} {_described(record)} of {nodes}"
     if record.outcome == "failed":
         return f"{what} kept as it was, {record.failure}, {record.refine_seconds:.1f} s"
     verdict = "new best" if record.new_best else record.outcome.replace("_", " ")
@@ -168,6 +234,16 @@ def _refinement_line(record: RefinementRecord, refiner: str) -> str:
         f"{what}, {_number(record.return_before)} -> {_number(record.return_after)} on unseen episodes, "
         f"{verdict}, {record.refine_seconds:.1f} s"
     )
+
+
+def _described(record: RefinementRecord) -> str:
+    match record.origin:
+        case "neighbour":
+            return "neighbour"
+        case "archive":
+            return "kept tree"
+        case _:
+            return f"{record.chosen} tree" if record.chosen else "tree"
 
 
 def _number(value: float | None) -> str:
@@ -179,11 +255,3 @@ def _rate(per_second: float) -> str:
         if per_second >= size:
             return f"{per_second / size:.1f} {unit}"
     return f"{per_second:.0f}"
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours}:{minutes:02}:{rest:02}"
-    return f"{minutes}:{rest:02}"
