@@ -84,7 +84,9 @@ class EvaluatedRun:
 
     def as_dict(self) -> Mapping[str, object]:
         """Return plain values for JSON."""
-        row = {name: value for name, value in asdict(self.row).items() if value is not None or name == "solved"}
+        row = {
+            name: value for name, value in asdict(self.row).items() if value is not None or name == "solved"
+        }
         return {"path": self.path, **row, "by_size": [asdict(tree) for tree in self.by_size]}
 
 

@@ -203,9 +203,7 @@ def _evaluate_task(
         validated = (
             backend.evaluate(Forest.stack(rivals), validation_seeds, _VALIDATION).returns if rivals else ()
         )
-    tested = {
-        tree: (float(of.mean()), float(of.std())) for tree, of in zip(trees, returns, strict=True)
-    }
+    tested = {tree: (float(of.mean()), float(of.std())) for tree, of in zip(trees, returns, strict=True)}
     means = {tree: float(of.mean()) for tree, of in zip(rivals, validated, strict=True)}
     for method, alike in groupby(runs, key=lambda run: run.method):
         yield EvaluatedMethod(

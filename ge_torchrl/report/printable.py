@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-_PLAIN = str.maketrans(
-    {"├": "|", "└": "'", "─": "-", "│": "|", "±": "+-", "→": "->", "…": "...", "’": "'", "–": "-", "°": "deg"}
-)
+_PLAIN = str.maketrans({"├": "|", "└": "'", "─": "-", "│": "|", "±": "+-", "→": "->", "…": "...", "°": "deg"})
 
 
 def printable(text: str, encoding: str | None) -> str:

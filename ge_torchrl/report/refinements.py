@@ -178,7 +178,9 @@ def _bridges_line(bridges: Bridges) -> str:
 
 def _champions_line(runs: Sequence[Run], *, is_written_back: bool) -> str:
     origins = Counter(run.summary.champion_from for run in runs)
-    polished = f", and a polished one in {origins['polish']}" if any(run.summary.polished for run in runs) else ""
+    polished = (
+        f", and a polished one in {origins['polish']}" if any(run.summary.polished for run in runs) else ""
+    )
     caveat = " A tree that was written back counts as one of the population." if is_written_back else ""
     return (
         f"* The champion is a refined tree in {origins['refinement']} of {_number(len(runs), 'run')}"

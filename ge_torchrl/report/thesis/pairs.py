@@ -65,7 +65,7 @@ def pair_by_seed(runs: Sequence[Run], method: str) -> tuple[Pair, ...]:
         elif run.method == GE:
             controls.setdefault(run.seed, []).append(run)
     return tuple(
-        Pair(run, min(controls[seed], key=lambda plain: len(_differing(run, plain))))  # noqa: B023
+        Pair(run, min(controls[seed], key=lambda plain: len(_differing(run, plain))))
         for seed, run in sorted(treated.items())
         if seed in controls
     )
