@@ -1,26 +1,29 @@
-"""Write-back: a tree into a genotype, the inverse of the mapping."""
+"""Write-back: a tree becomes one of the grammar's constants, and then a genotype; the inverse of the mapping."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ge_torchrl.errors import UnencodableTreeError
 from ge_torchrl.ge.codons import CODON_LIMIT, Codons
 from ge_torchrl.ge.derivations import Derivations
 from ge_torchrl.ge.grammar import Grammar
 from ge_torchrl.ge.rule_tables import ACTION, CHOICE, CONSTANT, END, RANGE, RuleTables
-from ge_torchrl.trees.decision_tree import DecisionTree, IntArray
+from ge_torchrl.trees.tree import DecisionTree
+
+NEAR: Final = (-4, -2, -1, 1, 2, 4)
+"""How many constants away the constants are that `constants_near` takes, in both directions."""
 
 
 def snap(tree: DecisionTree, grammar: Grammar) -> DecisionTree:
-    """Round each threshold to the nearest constant that the grammar offers with the node's feature.
+    """Round each threshold to the nearest constant that the grammar offers with the split's feature.
 
-    The nodes are numbered depth first, as the mapping numbers them. Of two equally near constants the lower
-    is taken; a snapped tree stays as it is.
+    Of two equally near constants the lower is taken; a snapped tree stays as it is.
 
     Args:
         tree: The tree.
@@ -30,21 +33,50 @@ def snap(tree: DecisionTree, grammar: Grammar) -> DecisionTree:
         The snapped tree.
 
     Raises:
-        UnencodableTreeError: The grammar never tests a feature of the tree.
+        UnencodableTreeError: The grammar never tests a feature of the tree, or derives no trees of its kind.
     """
-    tree = _depth_first(tree)
-    threshold = np.zeros(tree.n_nodes, np.float32)
-    for node in np.flatnonzero(~tree.is_leaf):
-        feature, wanted = int(tree.feature[node]), float(tree.threshold[node])
+    _check_kind(tree)
+    threshold = np.empty(tree.num_decision_nodes, np.float32)
+    for split in range(tree.num_decision_nodes):
+        feature, wanted = int(tree.feature[split]), float(tree.threshold[split])
         offered = grammar.constants[feature] if feature < len(grammar.features) else ()
         if not offered:
             name = grammar.features[feature] if feature < len(grammar.features) else f"number {feature}"
             raise UnencodableTreeError(
-                f"node {node} tests feature {name}, which no condition of the grammar does"
+                f"split {split} tests feature {name}, which no condition of the grammar does"
             )
         nearest = (constants.value(constants.nearest(wanted)) for constants in offered)
-        threshold[node] = min(nearest, key=lambda value: (abs(value - wanted), value))
-    return replace(tree, threshold=threshold)
+        threshold[split] = min(nearest, key=lambda value: (abs(value - wanted), value))
+    return tree.with_parameters(threshold)
+
+
+def constants_near(
+    tree: DecisionTree, grammar: Grammar, strides: Sequence[int] = NEAR
+) -> NDArray[np.float32]:
+    """Return what the tree's parameters become when one of them moves by a few of the grammar's constants.
+
+    Args:
+        tree: A snapped tree; a threshold that is no constant of the grammar does not move.
+        grammar: The grammar.
+        strides: By how many constants of its range a threshold moves.
+
+    Returns:
+        [R, N] float32, the parameters of `R` trees that each differ from the tree in one; `R` is 0 where none can move.
+    """
+    moved = []
+    for split in range(tree.num_decision_nodes):
+        feature, threshold = int(tree.feature[split]), float(tree.threshold[split])
+        for constants in grammar.constants[feature]:
+            index = constants.find(threshold)
+            if index is None:
+                continue
+            for at in (index + stride for stride in strides):
+                # A step can be finer than float32, so that a neighbour is the same number.
+                if 0 <= at < constants.count and constants.value(at) != threshold:
+                    parameters = tree.parameters.copy()
+                    parameters[split] = constants.value(at)
+                    moved.append(parameters)
+    return np.array(moved, np.float32).reshape(len(moved), len(tree.parameters))
 
 
 def encode(tree: DecisionTree, codons: Codons, tables: RuleTables, wraps: int = 0) -> Codons:
@@ -73,7 +105,7 @@ def encode(tree: DecisionTree, codons: Codons, tables: RuleTables, wraps: int = 
     needed, readable = derivations.codons_of_body(0, 0), len(codons) * (wraps + 1)
     if needed == math.inf:
         raise UnencodableTreeError(
-            f"no derivation from <{tables.grammar.start.name}> gives this tree of {target.n_nodes} nodes"
+            f"no derivation from <{tables.grammar.start.name}> gives this tree of {_number_of_splits(target)}"
         )
     if needed > readable:
         raise UnencodableTreeError(
@@ -83,11 +115,11 @@ def encode(tree: DecisionTree, codons: Codons, tables: RuleTables, wraps: int = 
     genotype = _Genotype(codons)
     spare = readable - needed
     node, at, returns = 0, 0, list[int]()
-    while node < target.n_nodes:
+    while node < derivations.n_nodes:
         kind, argument = derivations.symbols[at]
         at += 1
         if kind == CHOICE:
-            bodies = derivations.bodies[argument]
+            bodies = tables.rule_bodies[argument]
             costs = [derivations.codons_of_body(body, node) for body in bodies]
             longer = [cost - min(costs) for cost in costs]
             possible = [choice for choice in range(len(bodies)) if longer[choice] <= spare]
@@ -166,24 +198,14 @@ def _change_codon(codon: int, modulus: int, n_choices: int, choice: int) -> int 
     return changed if changed >= 0 else None
 
 
-def _depth_first(tree: DecisionTree) -> DecisionTree:
-    order, pending = [], [0]
-    while pending:
-        node = pending.pop()
-        order.append(node)
-        if not tree.is_leaf[node]:
-            pending += [int(tree.children_right[node]), int(tree.children_left[node])]
-    number = np.empty(tree.n_nodes, np.int32)
-    number[order] = np.arange(tree.n_nodes)
+def _check_kind(tree: DecisionTree) -> None:
+    if not (tree.is_axis_aligned and tree.has_actions):
+        raise UnencodableTreeError(
+            "a grammar derives trees that test one feature at a time and whose leaves are actions; "
+            "this tree has weighted splits or leaves of other kinds"
+        )
 
-    def renumbered(children: IntArray) -> IntArray:
-        ordered = children[order]
-        return np.where(ordered == DecisionTree.NO_CHILD, DecisionTree.NO_CHILD, number[ordered])
 
-    return DecisionTree(
-        feature=tree.feature[order],
-        threshold=tree.threshold[order],
-        children_left=renumbered(tree.children_left),
-        children_right=renumbered(tree.children_right),
-        action=tree.action[order],
-    )
+def _number_of_splits(tree: DecisionTree) -> str:
+    number = tree.num_decision_nodes
+    return f"{number} decision node{'s' * (number != 1)}"

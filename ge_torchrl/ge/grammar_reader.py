@@ -213,7 +213,7 @@ class _Reader:
             decimals = max(decimals, len(number.text.partition(".")[2]))
         low, *rest = (int(Fraction(number.text) * 10**decimals) for number in numbers)
         if not rest:
-            return Constants(low, 1, 10**decimals, 1, is_range=False, place=place)
+            return Constants(low, 1, 10**decimals, 1, place=place)
         high, step = rest
         if step <= 0:
             fail(numbers[2].place, f"the step of a range must be positive, got {numbers[2]}")
@@ -225,4 +225,4 @@ class _Reader:
                 place,
                 f"the range is too fine: it may have {CODON_LIMIT} values, exact in a double; it has {count}",
             )
-        return Constants(low, step, 10**decimals, count, is_range=True, place=place)
+        return Constants(low, step, 10**decimals, count, place=place)

@@ -56,21 +56,19 @@ class Constants(_Term):
     """The thresholds `(low + i * step) / scale` for i = 0 to count - 1, as float32.
 
     Integers and one division make every value the float32 of the correctly rounded double: no error
-    accumulates, and 0 is 0. A number in the text is the constants of count 1 that are no range.
+    accumulates, and 0 is 0. A number in the text is the constants of count 1.
 
     Attributes:
         low: The first value times `scale`.
         step: The distance of neighbours times `scale`, positive.
         scale: A power of ten.
         count: How many values there are, at least 1.
-        is_range: Whether the text gives a range, whose value is a choice.
     """
 
     low: int
     step: int
     scale: int
     count: int
-    is_range: bool
 
     def value(self, index: int) -> float:
         """Return one of the constants, a float that float32 holds exactly."""

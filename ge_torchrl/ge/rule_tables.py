@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -51,17 +52,14 @@ _Symbol = tuple[int, int]
 
 
 class Program(NamedTuple):
-    """The arrays that the kernel reads: `S` symbols, `R` rules with a choice, `G` ranges.
+    """The arrays that the kernel reads: `S` symbols, `G` ranges.
 
     Attributes:
         symbol_kind: [S] int32, `IF` to `END`; the start's body comes first.
         symbol_argument: [S] int32, what the kind says.
         symbol_choices: [S] uint32, what a codon is divided by: the bodies of a rule, the constants of a range, or 1.
         symbol_first_body: [S] int32, for a `CHOICE` where the rule's bodies stand in `body_start`, else 0.
-        rule_choices: [R] uint32, the number of bodies of a rule.
-        rule_first_body: [R] int32, where a rule's bodies stand in `body_start`.
         body_start: int32, the first symbol of each body.
-        range_choices: [G] uint32, the number of constants of a range.
         range_low: [G] int64; constant i of a range is `(low + i * step) / scale`.
         range_step: [G] int64.
         range_scale: [G] float64.
@@ -72,10 +70,7 @@ class Program(NamedTuple):
     symbol_argument: NDArray[np.int32]
     symbol_choices: NDArray[np.uint32]
     symbol_first_body: NDArray[np.int32]
-    rule_choices: NDArray[np.uint32]
-    rule_first_body: NDArray[np.int32]
     body_start: NDArray[np.int32]
-    range_choices: NDArray[np.uint32]
     range_low: NDArray[np.int64]
     range_step: NDArray[np.int64]
     range_scale: NDArray[np.float64]
@@ -91,27 +86,28 @@ class RuleTables:
         program: What the kernel runs.
         rule_kinds: [R] what a rule derives. A rule comes after those that it has as whole productions and
             after those of a kind that its own kind is made of.
+        rule_bodies: [R] for each rule the symbols that its bodies begin at.
         ranges: [G] the ranges.
-        nodes_at_start: Number of nodes in the start's body.
-        nodes_per_choice: The largest number of nodes in any other body: what one more codon may add.
+        splits_at_start: Number of splits in the start's body.
+        splits_per_choice: The largest number of splits in any other body: what one more codon may add.
     """
 
     grammar: Grammar
     program: Program
     rule_kinds: tuple[Kind, ...]
+    rule_bodies: tuple[tuple[int, ...], ...]
     ranges: tuple[Constants, ...]
-    nodes_at_start: int
-    nodes_per_choice: int
+    splits_at_start: int
+    splits_per_choice: int
 
 
-def compile_rules(grammar: Grammar, *, single_choice_consumes: bool) -> RuleTables:
+def compile_rules(grammar: Grammar) -> RuleTables:
     """Compile a grammar to tables.
 
-    A rule that is a range alone chooses between the range's constants, with one codon.
+    Only where there is a choice a codon is read: a rule of one production and a range of one constant read none.
 
     Args:
         grammar: The grammar.
-        single_choice_consumes: Whether a rule or a range with a single choice consumes a codon.
 
     Returns:
         The tables.
@@ -119,17 +115,20 @@ def compile_rules(grammar: Grammar, *, single_choice_consumes: bool) -> RuleTabl
     Raises:
         GrammarError: A production has more than `MAX_SYMBOLS` parts without a choice.
     """
-    writer = _Writer(grammar, single_choice_consumes)
+    writer = _Writer(grammar)
     start = writer.body(grammar.start, Nonterminal(grammar.start.name, place=grammar.start.place))
     rules = [grammar.rules[name] for name in writer.rule_numbers]
     bodies = [writer.body(rule, production) for rule in rules for production in rule.productions]
+    program = _program([start, *bodies], rules, writer)
+    begins = iter(program.body_start.tolist())
     return RuleTables(
         grammar=grammar,
-        program=_program([start, *bodies], rules, writer),
+        program=program,
         rule_kinds=tuple(grammar.kinds[rule.name] for rule in rules),
+        rule_bodies=tuple(tuple(islice(begins, len(rule.productions))) for rule in rules),
         ranges=tuple(writer.ranges),
-        nodes_at_start=_n_nodes(start),
-        nodes_per_choice=max(map(_n_nodes, bodies), default=0),
+        splits_at_start=start.count((IF, 0)),
+        splits_per_choice=max((body.count((IF, 0)) for body in bodies), default=0),
     )
 
 
@@ -150,11 +149,8 @@ def _program(bodies: list[list[_Symbol]], rules: list[Rule], writer: _Writer) ->
         symbol_argument=argument,
         symbol_choices=symbol_choices,
         symbol_first_body=symbol_first_body,
-        rule_choices=choices,
-        rule_first_body=first_body,
         # The start's body is no rule's; each of the others begins where the one before it ends.
         body_start=ends[:-1],
-        range_choices=counts,
         range_low=np.array([values.low for values in writer.ranges], np.int64),
         range_step=np.array([values.step for values in writer.ranges], np.int64),
         range_scale=np.array([values.scale for values in writer.ranges], np.float64),
@@ -165,9 +161,8 @@ def _program(bodies: list[list[_Symbol]], rules: list[Rule], writer: _Writer) ->
 class _Writer:
     """Writes bodies and numbers the rules, ranges and constants they refer to."""
 
-    def __init__(self, grammar: Grammar, single_choice_consumes: bool) -> None:
+    def __init__(self, grammar: Grammar) -> None:
         self._grammar = grammar
-        self._single_choice_consumes = single_choice_consumes
         self.rule_numbers = self._number_rules()
         self.ranges: dict[Constants, int] = {}
         self.constants: dict[Constants, int] = {}
@@ -176,15 +171,8 @@ class _Writer:
         ranks = list(Kind)
         # Sorting by kind is stable: within a kind, whole productions stay before the rules that have them.
         ordered = sorted(self._grammar.kinds, key=lambda name: ranks.index(self._grammar.kinds[name]))
-        choosing = [name for name in ordered if self._chooses(self._grammar.rules[name])]
+        choosing = [name for name in ordered if len(self._grammar.rules[name].productions) > 1]
         return {name: number for number, name in enumerate(choosing)}
-
-    def _chooses(self, rule: Rule) -> bool:
-        if len(rule.productions) > 1:
-            return True
-        only = rule.productions[0]
-        is_a_range = isinstance(only, Constants) and only.is_range
-        return self._single_choice_consumes and not is_a_range
 
     def body(self, rule: Rule, production: Production) -> list[_Symbol]:
         symbols: list[_Symbol] = []
@@ -214,10 +202,6 @@ class _Writer:
             case Nonterminal():
                 return CHOICE, self.rule_numbers[term.name]
             case Constants():
-                if term.count > 1 or (term.is_range and self._single_choice_consumes):
+                if term.count > 1:
                     return RANGE, self.ranges.setdefault(term, len(self.ranges))
                 return CONSTANT, self.constants.setdefault(term, len(self.constants))
-
-
-def _n_nodes(body: list[_Symbol]) -> int:
-    return sum(kind in (IF, ACTION) for kind, _ in body)

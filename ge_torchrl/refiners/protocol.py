@@ -37,7 +37,7 @@ class TrainingRecord:
     """What a refinement took; losses and their companions are those of the last gradient step, NaN before the first.
 
     Attributes:
-        timesteps: Environment steps that this tree took; the backend's ledger has them too, under the refiner's purpose.
+        timesteps: Environment steps that this tree took; the backend has counted them, under the refiner's purpose.
         updates: Batches of samples trained on, or of trees measured.
         gradient_steps: Gradient steps taken.
         soft_return: Mean return of the episodes that ended in the last update with any; NaN if none ever ended.

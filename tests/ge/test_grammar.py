@@ -17,7 +17,7 @@ def constants_of(text):
 
 def test_reads_terms_nested_in_one_line():
     grammar = read_grammar("<t> ::= if lt(f1, 0.5) then a0 else <t> | a2", FEATURES, ACTIONS)
-    half = Constants(5, 1, 10, 1, is_range=False, place=HERE)
+    half = Constants(5, 1, 10, 1, place=HERE)
     condition = LessThan(Feature(1, place=HERE), half, place=HERE)
     split = If(condition, Action(0, place=HERE), Nonterminal("t", place=HERE), place=HERE)
     assert grammar.start.productions == (split, Action(2, place=HERE))

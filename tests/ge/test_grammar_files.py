@@ -64,11 +64,11 @@ def test_the_ranges_of_the_thesis(file, n_constants, low, high):
 
 @pytest.mark.parametrize("file", FILES)
 def test_mapped_trees_come_back_from_foreign_genotypes(file):
-    tables = compile_rules(grammar_of(file), single_choice_consumes=False)
+    tables = compile_rules(grammar_of(file))
     codons = random_population(20, 100, np.random.default_rng(0))
-    mapping = map_population(codons, tables)
-    assert mapping.valid.sum() >= 10
-    for individual in np.flatnonzero(mapping.valid):
-        tree = mapping.forest.tree(individual)
+    forest = map_population(codons, tables)
+    assert forest.valid.sum() >= 10
+    for individual in np.flatnonzero(forest.valid):
+        tree = forest.tree(individual)
         encoded = encode(tree, codons[individual - 1], tables)
-        assert map_population(encoded[np.newaxis], tables).forest.tree(0) == tree
+        assert map_population(encoded[np.newaxis], tables).tree(0) == tree
