@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
-import cma
 import numpy as np
 from numpy.typing import NDArray
 
@@ -167,6 +166,9 @@ class _Search:
         """Move all parameters together by CMA-ES until the budget is spent or it has converged."""
         if self._is_over():
             return
+        # It brings matplotlib along where that is installed: most of a second, which the first trees need not wait for.
+        import cma
+
         center = self._tree.parameters.astype(np.float64)
         # pycma has no one-dimensional form: a lone parameter gets an idle companion.
         strategy = cma.CMAEvolutionStrategy(
