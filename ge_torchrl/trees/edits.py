@@ -1,4 +1,4 @@
-"""Edits of trees: what leads from a tree to its neighbours, which have a node more or less, or another one.
+"""Edits of trees: what leads from a tree to its neighbours, which have a split more or less, or another one.
 
 A tree is edited as its nodes in depth-first order, where a subtree is a run of nodes. Mutation of codons edits trees
 too, but behind the codon that changed it mostly gives another tree ("ripple"); an edit leaves everything else as it is.
@@ -8,149 +8,215 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.trees.decision_tree import DecisionTree, FloatArray, IntArray
+from ge_torchrl.errors import InvalidTreeError
+from ge_torchrl.trees.arrays import FloatArray, ForestArrays
 from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.rows import starts
+from ge_torchrl.trees.tree import DecisionTree
 
 # Growing is the likeliest, since the other edits keep trees small. Chosen on MountainCar and Acrobot.
 _PROBABILITIES = {"grow": 0.4, "test_anew": 0.3, "drop": 0.1, "relabel": 0.2}
 _SECOND_EDIT_PROBABILITY = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class Nodes:
-    """A tree as its nodes, depth first, left before right.
+class Split(NamedTuple):
+    """A split among the nodes of an edited tree."""
 
-    Attributes:
-        feature: [N] int32, `DecisionTree.NO_FEATURE` at leaves.
-        threshold: [N] float32, 0 at leaves.
-        action: [N] int32, `DecisionTree.NO_ACTION` at decision nodes.
-    """
-
-    feature: IntArray
-    threshold: FloatArray
-    action: IntArray
-
-    @property
-    def decisions(self) -> NDArray[np.int64]:
-        """[M] the decision nodes."""
-        return np.flatnonzero(self.feature >= 0)
-
-    @property
-    def leaves(self) -> NDArray[np.int64]:
-        """[L] the leaves."""
-        return np.flatnonzero(self.feature < 0)
-
-    def end(self, node: int) -> int:
-        """Return the node behind the subtree of a node."""
-        # A decision node asks for one subtree more, a leaf for one less.
-        open_subtrees = np.cumsum(np.where(self.feature[node:] >= 0, 1, -1))
-        return node + int(np.argmax(open_subtrees < 0)) + 1
-
-    def __getitem__(self, nodes: slice) -> Nodes:
-        return Nodes(self.feature[nodes], self.threshold[nodes], self.action[nodes])
-
-    def __len__(self) -> int:
-        return len(self.feature)
+    feature: tuple[int, ...]
+    weight: tuple[float, ...]
+    threshold: float
 
 
-@dataclass(frozen=True, eq=False)
-class EditedTree:
+Nodes: TypeAlias = "list[Split | int]"
+"""A tree as its nodes, depth first, left before right; a leaf is its action."""
+
+
+class Neighbourhood:
     """A tree and the states that it saw, from which the tests of its neighbours come.
 
-    Attributes:
-        tree: The tree, its nodes numbered depth first.
-        observed: [T, D] float32, observations that it acted on.
-        leaf: [T] int32, the leaf of each.
+    Args:
+        tree: The tree; its leaves hold actions.
+        observed: [T, D] float32, at least one observation that it acted on. What is infinite counts as the largest
+            float32, what is NaN as 0, since a threshold is finite.
+
+    Raises:
+        InvalidTreeError: The leaves hold values, or nothing was observed.
     """
 
-    tree: DecisionTree
-    observed: FloatArray
-    leaf: IntArray
+    def __init__(self, tree: DecisionTree, observed: FloatArray) -> None:
+        if not tree.has_actions or len(observed) == 0:
+            raise InvalidTreeError(
+                "neighbours are those of a tree whose leaves hold actions and which saw at least one state; "
+                f"this one holds {len(tree.action)} actions and saw {len(observed)} states"
+            )
+        leaf = tree.leaf_of(observed)
+        order = np.argsort(leaf, kind="stable")
+        self.tree = tree
+        self._nodes = _nodes_of(tree)
+        # By leaf, so that what came to a subtree is a run of rows.
+        self._observed = np.nan_to_num(np.asarray(observed, np.float32))[order]
+        self._leaf_start = starts(np.bincount(leaf, minlength=tree.num_leaves)).tolist()
 
-    @classmethod
-    def of(cls, tree: DecisionTree, observed: FloatArray) -> EditedTree:
-        """Return a tree with the states that it saw."""
-        return cls(tree, observed, tree.leaf_of(observed))
-
-    def neighbour(self, features: NDArray[np.int64], n_actions: int, rng: np.random.Generator) -> Nodes:
-        """Return a tree one edit away, sometimes two.
+    def draw(
+        self, features: Sequence[int] | NDArray[np.int64], n_actions: int, rng: np.random.Generator
+    ) -> Nodes:
+        """Return a tree one edit away, sometimes two; `forest_of` makes a forest of what was drawn.
 
         Args:
-            features: Features that new decisions may test.
+            features: Features that new splits may test.
             n_actions: Number of actions, A.
             rng: Source of randomness.
         """
-        edits = list(_EDITS)
-        nodes = Nodes(self.tree.feature, self.tree.threshold, self.tree.action)
-        for edit in range(1 + (rng.random() < _SECOND_EDIT_PROBABILITY)):
-            kind = edits[int(np.searchsorted(_CUMULATIVE, rng.random(), side="right"))]
+        nodes = self._nodes
+        for number in range(1 + (rng.random() < _SECOND_EDIT_PROBABILITY)):
             # Only in the tree itself is it known which states come to a node.
-            leaf = self.leaf if edit == 0 else None
-            if len(nodes) == 1:
-                kind = "grow"
-            nodes = _EDITS[kind](_Edit(nodes, self.observed, leaf, features, n_actions, rng))
+            leaf_start = self._leaf_start if number == 0 else None
+            kind = "grow" if len(nodes) == 1 else _kind(rng.random())
+            nodes = _EDITS[kind](_Edit(nodes, self._observed, leaf_start, features, n_actions, rng))
         return nodes
 
 
-@dataclass(frozen=True, eq=False)
+def forest_of(drawn: Sequence[Nodes]) -> Forest:
+    """Return the forest of trees that were drawn, in their order."""
+    splits: list[Split] = []
+    actions: list[int] = []
+    children: tuple[list[int], list[int]] = ([], [])
+    n_splits, n_leaves = [], []
+    for nodes in drawn:
+        first, first_leaf = len(splits), len(actions)
+        # Splits whose right child is still to come; the node behind a split is its left child.
+        waiting: list[int] = []
+        is_left = False
+        for place, node in enumerate(nodes):
+            number = len(splits) - first if isinstance(node, Split) else ~(len(actions) - first_leaf)
+            if place > 0:
+                if is_left:
+                    children[0].append(number)
+                else:
+                    children[1][waiting.pop()] = number
+            is_left = isinstance(node, Split)
+            if isinstance(node, Split):
+                waiting.append(len(splits))
+                splits.append(node)
+                children[1].append(0)
+            else:
+                actions.append(node)
+        n_splits.append(len(splits) - first)
+        n_leaves.append(len(actions) - first_leaf)
+    return Forest(
+        ForestArrays(
+            split_start=starts(n_splits),
+            leaf_start=starts(n_leaves),
+            term_start=starts([len(split.feature) for split in splits]),
+            feature=np.array([feature for split in splits for feature in split.feature], np.int32),
+            weight=np.array([weight for split in splits for weight in split.weight], np.float32),
+            threshold=np.array([split.threshold for split in splits], np.float32),
+            children_left=np.array(children[0], np.int32),
+            children_right=np.array(children[1], np.int32),
+            action=np.array(actions, np.int32),
+        )
+    )
+
+
+def _nodes_of(tree: DecisionTree) -> Nodes:
+    nodes: Nodes = []
+    open_nodes = [0 if tree.num_decision_nodes else ~0]
+    while open_nodes:
+        node = open_nodes.pop()
+        if node < 0:
+            nodes.append(int(tree.action[~node]))
+        else:
+            terms = slice(tree.term_start[node], tree.term_start[node + 1])
+            nodes.append(
+                Split(
+                    tuple(tree.feature[terms].tolist()),
+                    tuple(tree.weight[terms].tolist()),
+                    float(tree.threshold[node]),
+                )
+            )
+            open_nodes += (int(tree.children_right[node]), int(tree.children_left[node]))
+    return nodes
+
+
+def _end(nodes: Nodes, node: int) -> int:
+    """Return the node behind the subtree of a node."""
+    # A split asks for one subtree more, a leaf for one less.
+    open_subtrees = 1
+    while open_subtrees > 0:
+        open_subtrees += 1 if isinstance(nodes[node], Split) else -1
+        node += 1
+    return node
+
+
+@dataclass(frozen=True, slots=True)
 class _Edit:
     nodes: Nodes
     observed: FloatArray
-    leaf: IntArray | None
-    features: NDArray[np.int64]
+    leaf_start: list[int] | None
+    features: Sequence[int] | NDArray[np.int64]
     n_actions: int
     rng: np.random.Generator
 
-    def test_at(self, node: int) -> Nodes:
-        """Return a decision node: a random feature, and as threshold a value of it that was seen at this node."""
-        feature = int(self.features[self.rng.integers(len(self.features))])
-        seen = self.observed[:, feature]
-        if self.leaf is not None:
-            here = seen[(self.leaf >= node) & (self.leaf < self.nodes.end(node))]
-            seen = here if len(here) > 0 else seen
-        return _node(feature, float(self.rng.choice(seen)), DecisionTree.NO_ACTION)
+    def any_of(self, n: int) -> int:
+        """Return one of the numbers 0 to n - 1; much quicker than `rng.integers` one by one."""
+        return int(self.rng.random() * n)
 
-    def any_of(self, nodes: NDArray[np.int64]) -> int:
-        return int(self.rng.choice(nodes))
+    def test_at(self, node: int) -> Split:
+        """Return a split: a random feature, and as threshold a value of it that was seen at this node."""
+        feature = int(self.features[self.any_of(len(self.features))])
+        first, end = 0, len(self.observed)
+        if self.leaf_start is not None:
+            before = sum(not isinstance(other, Split) for other in self.nodes[:node])
+            leaves = (_end(self.nodes, node) - node + 1) // 2
+            here = self.leaf_start[before], self.leaf_start[before + leaves]
+            first, end = here if here[0] < here[1] else (first, end)
+        seen = float(self.observed[first + self.any_of(end - first), feature])
+        # Adding zero makes -0.0 into 0.0, as in a tree.
+        return Split((feature,), (1.0,), seen + 0.0)
 
-    def random_leaf(self) -> Nodes:
-        return _node(DecisionTree.NO_FEATURE, 0.0, int(self.rng.integers(self.n_actions)))
+    def a_split(self) -> int:
+        splits = [node for node, of in enumerate(self.nodes) if isinstance(of, Split)]
+        return splits[self.any_of(len(splits))]
+
+    def a_leaf(self) -> int:
+        leaves = [node for node, of in enumerate(self.nodes) if not isinstance(of, Split)]
+        return leaves[self.any_of(len(leaves))]
 
 
 def _grow(edit: _Edit) -> Nodes:
-    """Put a new decision above a node, mostly a leaf; its other child is a random leaf."""
-    nodes, rng = edit.nodes, edit.rng
-    at = edit.any_of(np.arange(len(nodes)) if rng.random() < 0.5 else nodes.leaves)
-    end = nodes.end(at)
-    children = [edit.random_leaf(), nodes[at:end]]
-    if rng.random() < 0.5:
-        children.reverse()
-    return _joined(nodes[:at], edit.test_at(at), *children, nodes[end:])
+    """Put a new split above a node, mostly a leaf; its other child is a random leaf."""
+    nodes = edit.nodes
+    at = edit.any_of(len(nodes)) if edit.rng.random() < 0.5 else edit.a_leaf()
+    end = _end(nodes, at)
+    leaf = edit.any_of(edit.n_actions)
+    halves = [leaf, *nodes[at:end]] if edit.rng.random() < 0.5 else [*nodes[at:end], leaf]
+    return [*nodes[:at], edit.test_at(at), *halves, *nodes[end:]]
 
 
 def _test_anew(edit: _Edit) -> Nodes:
-    """Give a decision node another feature and threshold."""
-    at = edit.any_of(edit.nodes.decisions)
-    return _joined(edit.nodes[:at], edit.test_at(at), edit.nodes[at + 1 :])
+    """Give a split another feature and threshold."""
+    at = edit.a_split()
+    return [*edit.nodes[:at], edit.test_at(at), *edit.nodes[at + 1 :]]
 
 
 def _drop(edit: _Edit) -> Nodes:
-    """Put one of a decision node's children in its place."""
-    nodes = edit.nodes
-    at = edit.any_of(nodes.decisions)
-    middle, end = nodes.end(at + 1), nodes.end(at)
+    """Put one of a split's children in its place."""
+    nodes, at = edit.nodes, edit.a_split()
+    middle = _end(nodes, at + 1)
+    end = _end(nodes, middle)
     kept = nodes[at + 1 : middle] if edit.rng.random() < 0.5 else nodes[middle:end]
-    return _joined(nodes[:at], kept, nodes[end:])
+    return [*nodes[:at], *kept, *nodes[end:]]
 
 
 def _relabel(edit: _Edit) -> Nodes:
     """Give a leaf a random action."""
-    at = edit.any_of(edit.nodes.leaves)
-    return _joined(edit.nodes[:at], edit.random_leaf(), edit.nodes[at + 1 :])
+    at = edit.a_leaf()
+    return [*edit.nodes[:at], edit.any_of(edit.n_actions), *edit.nodes[at + 1 :]]
 
 
 _EDITS: dict[str, Callable[[_Edit], Nodes]] = {
@@ -159,30 +225,12 @@ _EDITS: dict[str, Callable[[_Edit], Nodes]] = {
     "drop": _drop,
     "relabel": _relabel,
 }
-_CUMULATIVE = np.cumsum([_PROBABILITIES[name] for name in _EDITS])[:-1]
 
 
-def stacked(trees: Sequence[Nodes]) -> Forest:
-    """Return trees, each as its nodes in depth-first order, as one forest."""
-    return Forest.depth_first(
-        [len(tree) for tree in trees],
-        np.concatenate([tree.feature for tree in trees]),
-        np.concatenate([tree.threshold for tree in trees]),
-        np.concatenate([tree.action for tree in trees]),
-    )
-
-
-def _node(feature: int, threshold: float, action: int) -> Nodes:
-    return Nodes(
-        np.array([feature], np.int32),
-        np.array([threshold], np.float32) + np.float32(0.0),
-        np.array([action], np.int32),
-    )
-
-
-def _joined(*parts: Nodes) -> Nodes:
-    return Nodes(
-        np.concatenate([part.feature for part in parts]),
-        np.concatenate([part.threshold for part in parts]),
-        np.concatenate([part.action for part in parts]),
-    )
+def _kind(uniform: float) -> str:
+    """Return the kind of edit that a number from 0 to 1 chooses."""
+    for kind, probability in _PROBABILITIES.items():
+        uniform -= probability
+        if uniform < 0:
+            return kind
+    return "relabel"

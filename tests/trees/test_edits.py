@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import trees
+from strategies import weighted_trees
 
+from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees import edits
-from ge_torchrl.trees.decision_tree import DecisionTree
-from ge_torchrl.trees.edits import EditedTree, Nodes
-from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.edits import Neighbourhood, Split, forest_of
+from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
 TREE = split(0, 0.5, split(1, -1.0, leaf(0), leaf(1)), leaf(2))
@@ -18,35 +18,42 @@ OBSERVED = np.array([[0.0, -2.0], [0.25, 3.0], [9.0, 7.0]], np.float32)
 
 
 def assembled(nodes):
-    return Forest.depth_first([len(nodes)], nodes.feature, nodes.threshold, nodes.action).tree(0)
+    return forest_of([nodes]).tree(0)
 
 
 def edited(kind, seed, tree=TREE, observed=OBSERVED):
     """Return what one kind of edit makes of a tree."""
-    of = EditedTree.of(tree, observed)
-    nodes = Nodes(tree.feature, tree.threshold, tree.action)
+    of = Neighbourhood(tree, observed)
     rng = np.random.default_rng(seed)
-    return assembled(edits._EDITS[kind](edits._Edit(nodes, of.observed, of.leaf, np.arange(2), 3, rng)))
+    return assembled(edits._EDITS[kind](edits._Edit(of._nodes, of._observed, of._leaf_start, [0, 1], 3, rng)))
 
 
 def all_edited(kind):
     return {edited(kind, seed) for seed in range(300)}
 
 
-@given(trees(n_features=2, n_actions=3), st.integers(0, 2**32))
+@given(weighted_trees(n_features=2, n_actions=3), st.integers(0, 2**32))
 def test_every_neighbour_is_a_tree(tree, seed):
     rng = np.random.default_rng(seed)
     observed = rng.normal(size=(20, 2)).astype(np.float32)
-    neighbour = assembled(EditedTree.of(tree, observed).neighbour(np.arange(2), 3, rng))
-    assert abs(neighbour.n_decision_nodes - tree.n_decision_nodes) <= 2 * max(1, tree.n_decision_nodes)
+    neighbour = assembled(Neighbourhood(tree, observed).draw(np.arange(2), 3, rng))
+    assert neighbour == DecisionTree(*neighbour.arrays)
+    before = tree.num_decision_nodes
+    assert abs(neighbour.num_decision_nodes - before) <= 2 * max(1, before)
     assert neighbour.action.max() < 3
-    assert neighbour.feature.max() < 2
+    assert neighbour.feature.max(initial=0) < 2
+
+
+@given(st.lists(weighted_trees(), max_size=5))
+def test_nodes_and_trees_are_the_same(trees):
+    observed = np.zeros((1, 4), np.float32)
+    assert forest_of([Neighbourhood(tree, observed)._nodes for tree in trees]).trees() == trees
 
 
 def test_a_lone_leaf_can_only_grow():
-    of = EditedTree.of(leaf(1), OBSERVED)
+    of = Neighbourhood(leaf(1), OBSERVED)
     streams = (np.random.default_rng(seed) for seed in range(50))
-    sizes = [assembled(of.neighbour(np.arange(2), 3, rng)).n_decision_nodes for rng in streams]
+    sizes = [assembled(of.draw(np.arange(2), 3, rng)).num_decision_nodes for rng in streams]
     # A second edit may take back what the first one did.
     assert sizes.count(1) > 30
 
@@ -55,7 +62,7 @@ def test_a_lone_leaf_can_only_grow():
     ("node", "end"), [(0, 5), (1, 4), (2, 3), (3, 4), (4, 5)], ids=["root", "inner", "leaf", "leaf2", "last"]
 )
 def test_the_end_of_a_subtree(node, end):
-    assert Nodes(TREE.feature, TREE.threshold, TREE.action).end(node) == end
+    assert edits._end(Neighbourhood(TREE, OBSERVED)._nodes, node) == end
 
 
 def test_dropping_a_decision_keeps_one_of_its_children():
@@ -85,7 +92,7 @@ def test_a_new_test_takes_a_value_that_was_seen_at_its_node():
     inners = {(int(t.feature[1]), float(t.threshold[1])) for t in found if t.threshold[0] == 0.5}
     assert roots - {(0, 0.5)} == at_root
     assert inners - {(1, -1.0)} == at_inner
-    assert {t.n_decision_nodes for t in found} == {2}
+    assert {t.num_decision_nodes for t in found} == {2}
 
 
 def grown(subtree, seen):
@@ -125,7 +132,7 @@ def noted(monkeypatch):
 
     def noting(kind, apply):
         def edit(of):
-            notes.append((kind, of.leaf is not None))
+            notes.append((kind, of.leaf_start is not None))
             return apply(of)
 
         return edit
@@ -135,8 +142,8 @@ def noted(monkeypatch):
 
 
 def neighbours(n, tree=TREE):
-    of, rng = EditedTree.of(tree, OBSERVED), np.random.default_rng(0)
-    return [of.neighbour(np.arange(2), 3, rng) for _ in range(n)]
+    of, rng = Neighbourhood(tree, OBSERVED), np.random.default_rng(0)
+    return [of.draw(np.arange(2), 3, rng) for _ in range(n)]
 
 
 def test_only_the_first_edit_knows_what_was_seen_at_a_node(noted):
@@ -165,7 +172,24 @@ def test_where_nothing_was_seen_any_state_gives_the_threshold():
     assert {float(t.threshold[1]) for t in found if t.threshold[0] == 0.5} == {7.0, 9.0}
 
 
-def test_new_decisions_test_only_the_features_that_are_allowed():
+def test_new_splits_test_only_the_features_that_are_allowed():
     for seed in range(100):
-        nodes = EditedTree.of(leaf(0), OBSERVED).neighbour(np.array([1]), 3, np.random.default_rng(seed))
-        assert set(nodes.feature.tolist()) <= {-1, 1}
+        nodes = Neighbourhood(leaf(0), OBSERVED).draw(np.array([1]), 3, np.random.default_rng(seed))
+        assert {split.feature for split in nodes if isinstance(split, Split)} <= {(1,)}
+
+
+def test_thresholds_are_finite_whatever_was_seen():
+    observed = np.array([[np.inf, np.nan], [-np.inf, -0.0]], np.float32)
+    found = {float(edited("grow", seed, leaf(0), observed).threshold[0]) for seed in range(60)}
+    largest = float(np.finfo(np.float32).max)
+    assert found == {largest, -largest, 0.0}
+    zeros = {edited("grow", seed, leaf(0), observed[1:, 1:].repeat(2, axis=1)) for seed in range(60)}
+    assert not any(np.signbit(tree.threshold).any() for tree in zeros)
+
+
+@pytest.mark.parametrize(
+    ("tree", "observed"), [(DecisionTree.value_leaf([1.0]), OBSERVED), (leaf(0), OBSERVED[:0])]
+)
+def test_a_tree_with_values_or_unseen_has_no_neighbours(tree, observed):
+    with pytest.raises(InvalidTreeError, match="which saw at least one state"):
+        Neighbourhood(tree, observed)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from forests_for_tests import NO_TREE
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import float32s, observations, trees, weighted_trees
@@ -9,12 +10,6 @@ from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
-
-
-NO_INTS, NO_FLOATS = np.zeros(0, np.int32), np.zeros(0, np.float32)
-NO_TREE = Forest.axis_aligned(
-    np.zeros(2, np.int64), np.zeros(2, np.int64), NO_INTS, NO_FLOATS, NO_INTS, NO_INTS, NO_INTS
-)
 
 
 @st.composite

@@ -1,21 +1,23 @@
+"""Simplified trees are smaller and act the same; pruned ones act the same on what was visited."""
+
 import numpy as np
 import pytest
+from forests_for_tests import NO_TREE
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import float32s, observations, renumbered_trees, trees
+from strategies import any_trees, float32s, observations, trees, weighted_trees
 
 from ge_torchrl.errors import InvalidTreeError
-from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.simplify import (
-    merge_equal_leaves,
-    prune,
-    prune_unvisited,
-    simplify_exact,
-    simplify_forest,
-)
+from ge_torchrl.trees.simplify import prune, simplify, simplify_tree
+from ge_torchrl.trees.tree import DecisionTree
 
-leaf, split = DecisionTree.leaf, DecisionTree.split
+leaf, split, weighted, value = (
+    DecisionTree.leaf,
+    DecisionTree.split,
+    DecisionTree.weighted_split,
+    DecisionTree.value_leaf,
+)
 
 LOW = np.float32([-4.8, -np.inf, -0.5, -np.inf])
 HIGH = np.float32([4.8, np.inf, 0.5, np.inf])
@@ -30,91 +32,92 @@ def bounds(draw, n_features=4):
 
 
 def visits_of(tree, rows):
-    """Count in plain Python how often the rows visit each node."""
-    visits = [0] * tree.n_nodes
-    for row in rows:
-        node = 0
-        visits[node] += 1
-        while tree.children_left[node] != -1:
-            goes_left = row[tree.feature[node]] < tree.threshold[node]
-            node = tree.children_left[node] if goes_left else tree.children_right[node]
-            visits[node] += 1
-    return visits
+    return np.bincount(tree.leaf_of(rows), minlength=tree.num_leaves)
 
 
 def subtree(tree, node):
-    if tree.children_left[node] == -1:
-        return leaf(int(tree.action[node]))
-    return split(
-        int(tree.feature[node]),
-        float(tree.threshold[node]),
-        subtree(tree, tree.children_left[node]),
-        subtree(tree, tree.children_right[node]),
+    """A child of a tree, as a tree that was put together from its halves."""
+    if node < 0:
+        if tree.has_actions:
+            return leaf(int(tree.action[~node]))
+        terms = range(tree.leaf_term_start[~node], tree.leaf_term_start[~node + 1])
+        return value(
+            tree.value[~node], {int(tree.leaf_feature[term]): tree.leaf_weight[term] for term in terms}
+        )
+    terms = slice(tree.term_start[node], tree.term_start[node + 1])
+    halves = (subtree(tree, children[node]) for children in (tree.children_left, tree.children_right))
+    return weighted(tree.feature[terms], tree.weight[terms], tree.threshold[node], *halves)
+
+
+def has_equal_halves(tree):
+    return any(
+        subtree(tree, tree.children_left[node]) == subtree(tree, tree.children_right[node])
+        for node in range(tree.num_decision_nodes)
     )
 
 
-def decisions(tree):
-    return [int(node) for node in np.flatnonzero(~tree.is_leaf)]
-
-
-def test_an_unvisited_child_gives_its_parents_place_to_its_sibling():
+def test_an_unvisited_leaf_gives_its_parents_place_to_its_sibling():
     tree = split(0, 0.5, split(1, 0.25, leaf(0), leaf(1)), leaf(2))
-    assert prune_unvisited(tree, [9, 9, 4, 5, 0]) == split(1, 0.25, leaf(0), leaf(1))
-    assert prune_unvisited(tree, [9, 5, 0, 5, 4]) == split(0, 0.5, leaf(1), leaf(2))
-    assert prune_unvisited(tree, [9, 9, 9, 0, 0]) == leaf(0)
-    assert prune_unvisited(tree, [9, 0, 0, 0, 9]) == leaf(2)
-    assert prune_unvisited(tree, [9, 5, 2, 3, 4]) == tree
+    assert prune(tree, [4, 5, 0]) == split(1, 0.25, leaf(0), leaf(1))
+    assert prune(tree, [0, 5, 4]) == split(0, 0.5, leaf(1), leaf(2))
+    assert prune(tree, [9, 0, 0]) == leaf(0)
+    assert prune(tree, [0, 0, 9]) == leaf(2)
+    assert prune(tree, [2, 3, 4]) == tree
+    assert prune(leaf(1), [3]) == leaf(1)
 
 
 def test_equal_leaves_merge_until_none_is_left():
     same = split(1, 0.25, leaf(1), split(2, 0.0, leaf(1), leaf(1)))
-    assert merge_equal_leaves(same) == leaf(1)
-    assert merge_equal_leaves(split(0, 0.5, same, leaf(0))) == split(0, 0.5, leaf(1), leaf(0))
+    assert prune(same, [1, 1, 1]) == leaf(1)
+    assert prune(split(0, 0.5, same, leaf(0)), [1, 1, 1, 1]) == split(0, 0.5, leaf(1), leaf(0))
 
 
-def test_decisions_between_equal_subtrees_are_not_leaves_to_merge():
+def test_equal_leaves_with_values_merge_too():
+    here, there = value([1.0, 2.0], {0: [1.0, 0.0]}), value([1.0, 2.0], {1: [1.0, 0.0]})
+    assert prune(split(0, 0.5, here, here), [1, 1]) == here
+    assert prune(split(0, 0.5, here, there), [1, 1]) == split(0, 0.5, here, there)
+    assert simplify_tree(split(0, 0.5, here, here), LOW, HIGH) == here
+    tree = split(0, 0.5, here, split(0, 0.5, value([0.0, 0.0]), there))
+    assert simplify_tree(tree, LOW, HIGH) == split(0, 0.5, here, there)
+
+
+def test_splits_between_equal_subtrees_are_not_leaves_to_merge():
     half = split(1, 0.25, leaf(0), leaf(1))
-    assert merge_equal_leaves(split(0, 0.5, half, half)) == split(0, 0.5, half, half)
+    assert prune(split(0, 0.5, half, half), [1, 1, 1, 1]) == split(0, 0.5, half, half)
 
 
 def test_pruning_merges_leaves_that_only_visits_made_neighbours():
     tree = split(0, 0.5, leaf(1), split(1, 0.25, leaf(0), leaf(1)))
-    assert merge_equal_leaves(tree) == tree
-    assert prune(tree, [9, 4, 5, 0, 5]) == leaf(1)
+    assert prune(tree, [4, 1, 5]) == tree
+    assert prune(tree, [4, 0, 5]) == leaf(1)
 
 
-@given(st.data(), renumbered_trees())
+@given(st.data(), any_trees())
 def test_a_pruned_tree_acts_as_the_full_one_on_what_was_visited(data, tree):
     rows = data.draw(observations(tree))
     pruned = prune(tree, visits_of(tree, rows))
-    assert pruned.decide(rows).tolist() == tree.decide(rows).tolist()
-    assert pruned.n_nodes <= tree.n_nodes
+    assert np.array_equal(pruned.decide(rows), tree.decide(rows), equal_nan=True)
+    assert pruned.num_decision_nodes <= tree.num_decision_nodes
+    assert visits_of(pruned, rows).min() > 0, "all that is left is visited"
+    assert pruned == DecisionTree(*pruned.arrays), "a tree, depth first"
+    assert prune(pruned, visits_of(pruned, rows)) == pruned
 
 
-@given(st.data(), renumbered_trees())
-def test_all_that_prune_unvisited_leaves_is_visited(data, tree):
+@given(st.data(), any_trees())
+def test_where_all_is_visited_only_equal_leaves_go(data, tree):
     rows = data.draw(observations(tree))
-    pruned = prune_unvisited(tree, visits_of(tree, rows))
-    assert min(visits_of(pruned, rows)) > 0
-
-
-@given(st.data(), renumbered_trees())
-def test_merging_equal_leaves_never_changes_an_action(data, tree):
-    rows = data.draw(observations(tree))
-    merged = merge_equal_leaves(tree)
-    assert merged.decide(rows).tolist() == tree.decide(rows).tolist()
-    for node in decisions(merged):
-        left, right = merged.children_left[node], merged.children_right[node]
-        assert merged.action[left] != merged.action[right] or not merged.is_leaf[left]
+    merged = prune(tree, np.ones(tree.num_leaves))
+    assert np.array_equal(merged.decide(rows), tree.decide(rows), equal_nan=True)
+    for left, right in zip(merged.children_left, merged.children_right, strict=True):
+        assert left >= 0 or right >= 0 or subtree(merged, left) != subtree(merged, right)
 
 
 @pytest.mark.parametrize(
     ("visits", "message"),
     [
-        ([0, 0, 0], "nothing was validated"),
-        ([3, 3], "one count for each of 3 nodes"),
-        ([[3, 3, 0]], "one count for each of 3 nodes"),
-        ([3, 0, 0], "node 0 was visited but neither child"),
+        ([0, 0], "nothing was validated"),
+        ([3, 3, 3], "one count for each of 2 leaves"),
+        ([[3, 3]], "one count for each of 2 leaves"),
     ],
 )
 def test_visits_of_something_else_are_refused(visits, message):
@@ -160,44 +163,97 @@ def test_visits_of_something_else_are_refused(visits, message):
         ),
     ],
 )
-def test_exact_simplification_of_known_trees(tree, simplified):
-    assert simplify_exact(tree, LOW, HIGH) == simplified
+def test_simplification_of_known_trees(tree, simplified):
+    assert simplify_tree(tree, LOW, HIGH) == simplified
 
 
 @pytest.mark.parametrize("largest", [np.finfo(np.float32).max, np.inf])
 def test_the_largest_float32_is_still_reached(largest):
     tree = split(0, np.finfo(np.float32).max, leaf(0), leaf(1))
-    assert simplify_exact(tree, [-1.0], [largest]) == tree
-    assert simplify_exact(split(0, 0.0, tree, leaf(1)), [-1.0], [largest]) == split(0, 0.0, leaf(0), leaf(1))
+    assert simplify_tree(tree, [-1.0], [largest]) == tree
+    assert simplify_tree(split(0, 0.0, tree, leaf(1)), [-1.0], [largest]) == split(0, 0.0, leaf(0), leaf(1))
 
 
-@given(st.data(), renumbered_trees(), bounds())
-def test_exact_simplification_never_changes_an_action(data, tree, low_high):
+@pytest.mark.parametrize(
+    ("terms", "threshold", "expected"),
+    [
+        # Feature 2 lies in [-0.5, 0.5], feature 0 in [-4.8, 4.8]; float32 4.8 is a little above 4.8.
+        (([2, 2], [1.0, 1.0]), 1.1, "TRUE"),
+        (([2, 2], [1.0, 1.0]), 1.0, "open"),
+        (([2, 2], [1.0, 1.0]), -1.0, "FALSE"),
+        (([0, 2], [1.0, -2.0]), 5.9, "TRUE"),
+        (([0, 2], [1.0, -2.0]), 5.8, "open"),
+        (([0, 2], [1.0, -2.0]), -5.9, "FALSE"),
+        # One term of another weight.
+        (([2], [-2.0]), 1.0, "open"),
+        (([2], [-2.0]), 1.5, "TRUE"),
+        (([2], [-2.0]), -1.0, "FALSE"),
+        # Sums that may be infinite, or infinity minus infinity, are not judged.
+        (([1, 2], [1.0, 1.0]), 3e38, "open"),
+        (([1, 3], [1.0, -1.0]), 0.0, "open"),
+        (([1, 2], [0.0, 1.0]), 1.0, "open"),
+        (([2], [0.0]), 1.0, "TRUE"),
+        (([2, 0], [0.0, 0.0]), 0.0, "FALSE"),
+    ],
+)
+def test_a_split_on_a_sum_goes_only_where_bounds_decide(terms, threshold, expected):
+    tree = weighted(*terms, threshold, leaf(0), leaf(1))
+    assert simplify_tree(tree, LOW, HIGH) == {"TRUE": leaf(0), "FALSE": leaf(1), "open": tree}[expected]
+
+
+def test_the_path_narrows_what_a_sum_can_be():
+    below = weighted([0, 2], [1.0, 1.0], 0.6, leaf(0), leaf(1))
+    assert simplify_tree(split(0, 0.0, below, leaf(2)), LOW, HIGH) == split(0, 0.0, leaf(0), leaf(2))
+    # The threshold itself goes right, so what goes left is at most the float32 below.
+    twice = weighted([2, 2], [1.0, 1.0], 0.5, leaf(0), leaf(1))
+    assert simplify_tree(split(2, 0.25, twice, leaf(2)), LOW, HIGH) == split(2, 0.25, leaf(0), leaf(2))
+    # The float32 below 0 is lost beside 0.5 even in float64: the sum is 0.5, and goes right.
+    rounded = split(0, 0.0, weighted([0, 2], [1.0, 1.0], 0.5, leaf(0), leaf(1)), leaf(2))
+    assert simplify_tree(rounded, LOW, HIGH) == rounded
+    above = weighted([0, 2], [1.0, 1.0], -0.5, leaf(0), leaf(1))
+    assert simplify_tree(split(0, 0.0, leaf(2), above), LOW, HIGH) == split(0, 0.0, leaf(2), leaf(1))
+
+
+def test_equal_halves_with_sums_merge():
+    half = weighted([0, 1], [1.0, 2.0], 0.5, leaf(0), leaf(1))
+    assert simplify_tree(weighted([2, 0], [1.0, 3.0], 0.0, half, half), LOW, HIGH) == half
+    other = weighted([0, 1], [1.0, 2.5], 0.5, leaf(0), leaf(1))
+    apart = split(1, 0.0, half, other)
+    assert simplify_tree(apart, LOW, HIGH) == apart
+    assert simplify_tree(split(2, 0.0, apart, apart), LOW, HIGH) == apart
+
+
+@given(st.data(), any_trees(), bounds())
+def test_simplification_never_changes_an_answer(data, tree, low_high):
     low, high = low_high
     near = [*low[np.isfinite(low)].tolist(), *high[np.isfinite(high)].tolist()]
     rows = np.clip(data.draw(observations(tree, near=near)), low, high)
-    simplified = simplify_exact(tree, low, high)
-    assert simplified.decide(rows).tolist() == tree.decide(rows).tolist()
-    assert simplified.n_nodes <= tree.n_nodes
+    corners = np.where(data.draw(st.lists(st.booleans(), min_size=4, max_size=4)), low, high)
+    rows = np.concatenate([rows, corners[np.newaxis]])
+    simplified = simplify_tree(tree, low, high)
+    assert np.array_equal(simplified.decide(rows), tree.decide(rows), equal_nan=True)
+    assert simplified.num_decision_nodes <= tree.num_decision_nodes
 
 
-@given(renumbered_trees(), bounds())
-def test_exact_simplification_is_idempotent(tree, low_high):
-    simplified = simplify_exact(tree, *low_high)
-    assert simplify_exact(simplified, *low_high) == simplified
+@given(any_trees(), bounds())
+def test_simplification_is_idempotent_and_leaves_no_equal_halves(tree, low_high):
+    simplified = simplify_tree(tree, *low_high)
+    assert simplify_tree(simplified, *low_high) == simplified
+    assert simplified == DecisionTree(*simplified.arrays), "a tree, depth first"
+    assert not has_equal_halves(simplified)
 
 
-@given(renumbered_trees(), bounds())
+@given(trees(), bounds())
 def test_every_leaf_that_remains_is_reached_by_an_observation_within_the_bounds(tree, low_high):
     low, high = low_high
-    simplified = simplify_exact(tree, low, high)
-    open_nodes = [(0, low)]
+    simplified = simplify_tree(tree, low, high)
+    open_nodes = [(0 if simplified.num_decision_nodes else ~0, low)]
     while open_nodes:
         # If any observation reaches a node, the least one that goes right at every right turn does.
         node, witness = open_nodes.pop()
-        if simplified.is_leaf[node]:
+        if node < 0:
             assert (witness <= high).all()
-            assert simplified.leaf_of(witness[np.newaxis]).tolist() == [node]
+            assert simplified.leaf_of(witness[np.newaxis]).tolist() == [~node]
             continue
         raised = witness.copy()
         feature = simplified.feature[node]
@@ -205,41 +261,24 @@ def test_every_leaf_that_remains_is_reached_by_an_observation_within_the_bounds(
         open_nodes += [(simplified.children_left[node], witness), (simplified.children_right[node], raised)]
 
 
-@given(renumbered_trees(), bounds())
-def test_no_decision_between_equal_subtrees_remains(tree, low_high):
-    simplified = simplify_exact(tree, *low_high)
-    assert simplified == subtree(simplified, 0), "nodes are numbered depth first"
-    for node in decisions(simplified):
-        left, right = simplified.children_left[node], simplified.children_right[node]
-        assert subtree(simplified, left) != subtree(simplified, right)
-
-
-@given(st.lists(st.none() | renumbered_trees(), max_size=6), bounds())
+@given(st.lists(st.none() | weighted_trees(), max_size=6), bounds())
 def test_a_forest_is_simplified_tree_by_tree(individuals, low_high):
-    present = Forest.stack([tree for tree in individuals if tree is not None])
-    sizes = [0 if tree is None else tree.n_nodes for tree in individuals]
-    forest = Forest(
-        np.cumsum([0, *sizes]),
-        present.feature,
-        present.threshold,
-        present.children_left,
-        present.children_right,
-        present.action,
-    )
-    simplified = simplify_forest(forest, *low_high)
-    assert len(simplified) == len(individuals)
+    parts = [NO_TREE if tree is None else Forest.stack([tree]) for tree in individuals]
+    simplified = simplify(Forest.concatenate(parts), *low_high)
+    assert simplified.valid.tolist() == [tree is not None for tree in individuals]
     for index, tree in enumerate(individuals):
-        if tree is None:
-            assert simplified.sizes[index] == 0
-        else:
-            assert simplified.tree(index) == simplify_exact(tree, *low_high)
+        if tree is not None:
+            assert simplified.tree(index) == simplify_tree(tree, *low_high)
+    for array in simplified.arrays:
+        assert array.flags.c_contiguous
+        assert array.flags.writeable
 
 
-@given(trees(), bounds())
+@given(weighted_trees(), bounds())
 def test_simplification_leaves_its_input_as_it_was(tree, low_high):
     low, high = low_high
     forest, kept = Forest.stack([tree]), (low.copy(), high.copy())
-    simplify_forest(forest, low, high)
+    simplify(forest, low, high)
     assert forest.tree(0) == tree
     assert np.array_equal([low, high], kept)
 
@@ -256,4 +295,4 @@ def test_simplification_leaves_its_input_as_it_was(tree, low_high):
 )
 def test_bounds_of_something_else_are_refused(low, high, message):
     with pytest.raises(InvalidTreeError, match=message):
-        simplify_exact(split(1, 0.5, leaf(0), leaf(1)), low, high)
+        simplify_tree(split(1, 0.5, leaf(0), leaf(1)), low, high)
