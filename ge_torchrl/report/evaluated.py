@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from ge_torchrl.report.sizes import SizedTree, SizeRow, by_size, sizes_table
+from ge_torchrl.report.sizes import SizedTree, SizeRow, are_of_one_run, by_size, sizes_table
 from ge_torchrl.report.tables import RunRow, Table, runs_table
 
 _BY_SIZE = (
@@ -187,6 +187,5 @@ class SweepEvaluation:
             parts.append(f"{name} ({episodes}, {method.route} route{threshold})")
             parts += [drawn(runs_table([run.row for run in method.runs])), line.format(method.in_short())]
             if sizes := method.sizes:
-                parts += [_BY_SIZE] * (len(method.runs) > 1)
-                parts.append(drawn(sizes_table(sizes)))
+                parts += [*([] if are_of_one_run(sizes) else [_BY_SIZE]), drawn(sizes_table(sizes))]
         return "\n\n".join(parts)

@@ -18,7 +18,7 @@ from ge_torchrl.report.findings import method_text, overview_table
 from ge_torchrl.report.methods import GE, METHODS, THESIS, added_by, refiner_of
 from ge_torchrl.report.refinements import refinements_text
 from ge_torchrl.report.runs import FoundRuns, Run, best_run, gather_runs
-from ge_torchrl.report.sizes import by_size, sizes_figure, sizes_table
+from ge_torchrl.report.sizes import are_of_one_run, by_size, sizes_figure, sizes_table
 from ge_torchrl.report.thesis.beside import published_beside, refinements_of
 from ge_torchrl.report.thesis.figures import pairs_figure, solving_figure
 from ge_torchrl.report.thesis.pairs import Pair, comparison_text, pair_by_seed, telling_pairs
@@ -156,10 +156,9 @@ def _sizes(methods: Mapping[str, Sequence[Run]], path: Path) -> Iterator[str]:
         return
     first = next(iter(methods.values()))[0]
     for method, rows in rows_of.items():
-        yield (
-            f"### {first.environment}: the best trees of each size, {method}\n\n{sizes_table(rows).markdown()}\n\n"
-            f"{_BY_SIZE}"
-        )
+        yield f"### {first.environment}: the best trees of each size, {method}\n\n{sizes_table(rows).markdown()}"
+        if not are_of_one_run(rows):
+            yield _BY_SIZE
     figure = sizes_figure(rows_of, title=first.environment, solved_at=first.summary.solved_at)
     yield _image(
         save_figure(figure, path)[0],

@@ -118,13 +118,18 @@ def by_size(trees: Iterable[SizedTree]) -> list[SizeRow]:
     return [SizeRow(size, tuple(of_size[size])) for size in sorted(of_size)]
 
 
+def are_of_one_run(rows: Sequence[SizeRow]) -> bool:
+    """Tell whether all trees are one run's, so that there is nothing to choose among runs."""
+    return all(len(row.trees) == 1 for row in rows) and len({row.trees[0].seed for row in rows}) == 1
+
+
 def sizes_table(rows: Sequence[SizeRow]) -> Table:
     """Return a row a size: of one run what its tree returns, of many what their trees return and which to take.
 
     Args:
         rows: From small to large.
     """
-    if all(len(row.trees) == 1 for row in rows) and len({row.trees[0].seed for row in rows}) == 1:
+    if are_of_one_run(rows):
         return Table.of(
             ("decision nodes", "test mean ± sd", ""),
             (

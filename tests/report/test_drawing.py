@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
+from ge_torchrl.trees.controller import Names
 from hypothesis import given, settings
 from strategies import trees
-from sweeps_for_tests import CARTPOLE, PRUNED, leaf, split
+from sweeps_for_tests import CARTPOLE, PRUNED, controller, leaf, split
 
-from ge_torchrl.errors import ArtefactError, InvalidTreeError
+from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report.canvas import ORANGE, SKY
 from ge_torchrl.report.drawing import draw_tree, save_tree, tidy_layout
-from ge_torchrl.trees.labels import TreeLabels
+from ge_torchrl.trees.tree import DecisionTree
 
 BOX_HEIGHT = 0.36
 
@@ -20,7 +21,8 @@ def texts(figure):
 def test_boxes_neither_meet_nor_leave_the_figure_and_leaves_stand_in_order(tree):
     # Widths of all kinds: a decision is the widest box of all, a leaf next to nothing, and the other way round.
     for decision, leaf_width in ((3.0, 0.2), (0.2, 3.0), (1.0, 1.0)):
-        widths = np.where(tree.is_leaf, leaf_width, decision)
+        n_splits = tree.num_decision_nodes
+        widths = np.repeat([decision, leaf_width], [n_splits, tree.num_leaves])
         x, y, _, (width, height) = tidy_layout(tree, widths)
         assert (x - widths / 2).min() > 0
         assert (x + widths / 2).max() < width
@@ -31,21 +33,24 @@ def test_boxes_neither_meet_nor_leave_the_figure_and_leaves_stand_in_order(tree)
             row = row[np.argsort(x[row])]
             gaps = (x[row] - widths[row] / 2)[1:] - (x[row] + widths[row] / 2)[:-1]
             assert (gaps > 0.1).all()
-        decisions = ~tree.is_leaf
-        left, right = tree.children_left[decisions], tree.children_right[decisions]
+        left, right = (
+            np.where(children >= 0, children, n_splits + ~children)
+            for children in (tree.children_left, tree.children_right)
+        )
+        assert (np.diff(x[n_splits:]) > 0).all()
         assert (x[left] < x[right]).all()
-        assert x[decisions] == pytest.approx((x[left] + x[right]) / 2)
-        assert (y[left] < y[decisions]).all()
+        assert x[:n_splits] == pytest.approx((x[left] + x[right]) / 2)
+        assert (y[left] < y[:n_splits]).all()
 
 
 def test_edges_do_not_cross_boxes_as_levels_are_apart():
-    layout = tidy_layout(PRUNED, np.ones(PRUNED.n_nodes))
+    layout = tidy_layout(PRUNED, np.ones(PRUNED.num_decision_nodes + PRUNED.num_leaves))
     levels = np.unique(layout.y)
     assert np.diff(levels).min() > BOX_HEIGHT + 0.3
 
 
 def test_a_drawing_says_what_the_tree_says():
-    figure = draw_tree(PRUNED, CARTPOLE)
+    figure = draw_tree(controller(PRUNED))
     assert texts(figure) == [
         "False",
         "False",
@@ -60,7 +65,7 @@ def test_a_drawing_says_what_the_tree_says():
 
 
 def test_true_goes_left_and_actions_have_their_colours():
-    figure = draw_tree(split(0, 1.0, leaf(0), leaf(1)), CARTPOLE)
+    figure = draw_tree(controller(split(0, 1.0, leaf(0), leaf(1))))
     place = {text.get_text(): text.get_position()[0] for text in figure.axes[0].texts}
     assert place["left"] < place["True"] < place["x < 1 m"] < place["False"] < place["right"]
     from matplotlib.colors import to_hex
@@ -70,8 +75,10 @@ def test_true_goes_left_and_actions_have_their_colours():
 
 
 def test_every_text_lies_within_its_box():
-    labels = TreeLabels("Strange-v0", ("W" * 40, "i"), ("m", ""), ("$\\alpha$ left", "iii"))
-    figure = draw_tree(split(0, -1234.5, split(1, 0.1, leaf(0), leaf(1)), leaf(1)), labels)
+    names = Names(
+        id="Strange-v0", features=("W" * 40, "i"), units=("m", ""), actions=("$\\alpha$ left", "iii")
+    )
+    figure = draw_tree(controller(split(0, -1234.5, split(1, 0.1, leaf(0), leaf(1)), leaf(1)), names))
     renderer = figure.canvas.get_renderer()
     axes = figure.axes[0]
     boxes = [patch.get_window_extent(renderer) for patch in axes.patches]
@@ -83,17 +90,17 @@ def test_every_text_lies_within_its_box():
 
 
 def test_a_lone_leaf_is_a_box():
-    assert texts(draw_tree(leaf(1), CARTPOLE)) == ["right"]
+    assert texts(draw_tree(controller(leaf(1)))) == ["right"]
 
 
 def test_a_figure_grows_with_its_tree():
-    small, large = (draw_tree(tree, CARTPOLE).get_size_inches() for tree in (leaf(0), PRUNED))
+    small, large = (draw_tree(controller(tree)).get_size_inches() for tree in (leaf(0), PRUNED))
     assert (large > small).all()
 
 
 def test_saved_twice_the_bytes_are_the_same(tmp_path):
-    first = save_tree(PRUNED, CARTPOLE, tmp_path / "a.b" / "tree")
-    again = save_tree(PRUNED, CARTPOLE, tmp_path / "again")
+    first = save_tree(controller(PRUNED), tmp_path / "a.b" / "tree")
+    again = save_tree(controller(PRUNED), tmp_path / "again")
     assert [path.name for path in first] == ["tree.svg", "tree.png"]
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in again]
     assert first[0].read_text().startswith("<?xml")
@@ -103,20 +110,26 @@ def test_saved_twice_the_bytes_are_the_same(tmp_path):
 @settings(max_examples=3)
 @given(trees(n_actions=2, max_leaves=8))
 def test_any_tree_can_be_drawn(tree):
-    assert len(draw_tree(tree, CARTPOLE).axes[0].patches) == tree.n_nodes
+    patches = draw_tree(controller(tree)).axes[0].patches
+    assert len(patches) == tree.num_decision_nodes + tree.num_leaves
 
 
 def test_more_actions_than_colours_begin_again():
-    labels = TreeLabels("Many-v0", ("x",), ("",), tuple(f"a{i}" for i in range(9)))
-    assert texts(draw_tree(leaf(8), labels)) == ["a8"]
+    names = Names(id="Many-v0", features=("x",), units=("",), actions=tuple(f"a{i}" for i in range(9)))
+    assert texts(draw_tree(controller(leaf(8), names))) == ["a8"]
 
 
-def test_labels_must_fit():
-    with pytest.raises(InvalidTreeError, match="actions 0 to 1, not 5"):
-        draw_tree(leaf(5), CARTPOLE)
+def test_weighted_splits_and_leaves_with_values_can_be_drawn():
+    tree = DecisionTree.weighted_split(
+        [0, 2], [0.5, -1.0], 0.25, DecisionTree.value_leaf([0.1]), DecisionTree.value_leaf([-2.0], {1: [3.0]})
+    )
+    names = Names(id="Any-v0", features=CARTPOLE.features, units=CARTPOLE.units, actions=("torque",))
+    figure = draw_tree(controller(tree, names))
+    assert len(figure.axes[0].patches) == 3
+    assert any("theta" in text for text in texts(figure))
 
 
 def test_a_path_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ArtefactError, match="cannot be written"):
-        save_tree(leaf(0), CARTPOLE, tmp_path / "file" / "tree")
+        save_tree(controller(leaf(0)), tmp_path / "file" / "tree")

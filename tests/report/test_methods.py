@@ -1,14 +1,38 @@
 import pytest
-from sweeps_for_tests import config
+from sweeps_for_tests import KEEPING, METHODS, config
 
-from ge_torchrl.report.methods import METHODS, method_of, refiner_of
+from ge_torchrl.report import methods
+from ge_torchrl.report.methods import added_by, method_of, refiner_of
 
 
 @pytest.mark.parametrize(
-    ("refiner", "method", "name"),
-    [("none", "GE", ""), ("ppo", "GE+PPO", "PPO"), ("cmaes", "GE+CMA-ES", "CMA-ES")],
+    ("method", "refiner", "added"),
+    [
+        ("GE", "", ""),
+        ("GE+PPO", "PPO", "PPO"),
+        ("GE+PPO+polish", "PPO", "PPO and polish"),
+        ("GE+CMA-ES", "CMA-ES", "CMA-ES"),
+        ("GE+polish", "", "polish"),
+        ("thesis", "PPO", "PPO"),
+    ],
 )
-def test_methods_are_named_after_their_refiner(refiner, method, name):
-    assert method_of(config(refiner=refiner)) == method
-    assert method in METHODS
-    assert refiner_of(method) == name
+def test_methods_are_named_after_what_they_add(method, refiner, added):
+    assert method_of(config(method)) == method
+    assert (refiner_of(method), added_by(method)) == (refiner, added)
+
+
+def test_all_methods_have_their_place_in_reports():
+    assert sorted(methods.METHODS) == sorted(METHODS)
+
+
+def test_a_polish_beside_cmaes_is_nothing_of_its_own():
+    assert method_of(config("GE+CMA-ES", polish=1)) == "GE+CMA-ES"
+
+
+@pytest.mark.parametrize("changes", [{"parsimony": "lexicographic"}, {"archive": KEEPING}, {"polish": 1}])
+def test_what_adds_to_the_thesis_is_not_the_thesis(changes):
+    assert method_of(config("thesis", **changes)) != "thesis"
+
+
+def test_ge_with_the_settings_of_the_thesis_is_ge_alone():
+    assert method_of(config("thesis", refiner="none")) == "GE"

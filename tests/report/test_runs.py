@@ -1,42 +1,54 @@
 import pytest
-from sweeps_for_tests import FULL, PRUNED, history, refinement, write_run
+from records_for_tests import history, kept, refinement
+from sweeps_for_tests import FULL, PRUNED, write_run
 
 from ge_torchrl.errors import ArtefactError
-from ge_torchrl.report.runs import pair_by_seed, read_run, read_runs, unequal_sections
+from ge_torchrl.report.runs import best_run, gather_runs, read_run, read_runs
 
 
 def test_a_run_is_read_in_full(tmp_path):
-    records = [refinement(40)]
+    records, archive = [refinement(40)], [kept(1, 9.0), kept(3, 480.0)]
     run = read_run(
-        write_run(tmp_path / "run", seed=3, refiner="ppo", generations=history([9.0]), refinements=records)
+        write_run(
+            tmp_path / "run",
+            "GE+PPO",
+            seed=3,
+            generations=history([9.0]),
+            refinements=records,
+            archive=archive,
+        )
     )
     assert (run.method, run.environment, run.seed) == ("GE+PPO", "CartPole-v1", 3)
-    assert (list(run.history), list(run.refinements)) == (history([9.0]), records)
+    assert (list(run.history), list(run.refinements), list(run.archive)) == (history([9.0]), records, archive)
     assert (run.pruned.tree, run.full.tree) == (PRUNED, FULL)
-    assert run.solving_time(475.0).generations == 1
+    assert [(tree.decision_nodes, tree.is_champion) for tree in run.by_size] == [(1, False), (3, True)]
 
 
-def test_a_run_of_ge_alone_needs_no_refinements(tmp_path):
-    path = write_run(tmp_path / "run")
-    (path / "refinements.jsonl").unlink(missing_ok=True)
+def test_a_run_without_a_refiner_needs_no_refinements(tmp_path):
+    path = write_run(tmp_path / "run", "GE+polish")
+    assert not (path / "refinements.jsonl").exists()
     run = read_run(path)
-    assert (run.method, run.refinements) == ("GE", ())
+    assert (run.method, run.refinements) == ("GE+polish", ())
 
 
 def test_runs_come_by_environment_then_method_then_seed(tmp_path):
-    for number, (environment, refiner, seed) in enumerate(
+    for number, (environment, method, seed) in enumerate(
         [
-            ("CartPole-v1", "none", 1),
-            ("CartPole-v1", "cmaes", 0),
-            ("CartPole-v1", "ppo", 10),
-            ("CartPole-v1", "ppo", 9),
-            ("Acrobot-v1", "none", 0),
+            ("CartPole-v1", "GE", 1),
+            ("CartPole-v1", "GE+CMA-ES", 0),
+            ("CartPole-v1", "GE+PPO", 10),
+            ("CartPole-v1", "GE+PPO", 9),
+            ("CartPole-v1", "thesis", 3),
+            ("CartPole-v1", "GE+PPO+polish", 3),
+            ("Acrobot-v1", "GE", 0),
         ]
     ):
-        write_run(tmp_path / "deep" / str(number), seed=seed, refiner=refiner, environment=environment)
+        write_run(tmp_path / "deep" / str(number), method, seed=seed, environment=environment)
     runs, unreadable = read_runs(tmp_path)
     assert [(run.environment, run.method, run.seed) for run in runs] == [
         ("Acrobot-v1", "GE", 0),
+        ("CartPole-v1", "thesis", 3),
+        ("CartPole-v1", "GE+PPO+polish", 3),
         ("CartPole-v1", "GE+PPO", 9),
         ("CartPole-v1", "GE+PPO", 10),
         ("CartPole-v1", "GE+CMA-ES", 0),
@@ -72,25 +84,29 @@ def test_no_run_and_no_readable_run_are_errors(tmp_path):
         read_runs(tmp_path)
 
 
-def test_pairs_are_of_one_seed_and_of_several_runs_the_first(tmp_path):
-    for name, refiner, seed in [
-        ("a", "none", 0),
-        ("b", "ppo", 0),
-        ("c", "ppo", 0),
-        ("d", "none", 1),
-        ("e", "ppo", 2),
-    ]:
-        write_run(tmp_path / name, seed=seed, refiner=refiner)
-    write_run(tmp_path / "f", seed=1, refiner="cmaes")
-    runs = read_runs(tmp_path).runs
-    pairs = pair_by_seed(runs)
-    assert [(pair.refined.path.name, pair.plain.path.name) for pair in pairs] == [("b", "a")]
-    (other,) = pair_by_seed(runs, "GE+CMA-ES")
-    assert (other.refined.path.name, other.plain.path.name, other.method) == ("f", "d", "GE+CMA-ES")
-    assert unequal_sections(pairs) == ()
+def test_against_adds_only_what_is_lacking(tmp_path):
+    for seed in range(2):
+        write_run(tmp_path / "ge" / str(seed), seed=seed)
+        write_run(tmp_path / "ppo" / str(seed), "GE+PPO", seed=seed)
+    write_run(tmp_path / "ge" / "other", environment="Acrobot-v1")
+    runs = gather_runs(tmp_path / "ppo", tmp_path).runs
+    assert [(run.environment, run.method) for run in runs] == [
+        *[("CartPole-v1", "GE+PPO")] * 2,
+        *[("CartPole-v1", "GE")] * 2,
+    ]
+    with pytest.raises(ArtefactError, match=r"those in .*ppo are of CartPole-v1 GE\+PPO"):
+        gather_runs(tmp_path / "ppo", tmp_path / "ppo")
 
 
-def test_pairs_that_differ_in_more_than_refinement_are_noticed(tmp_path):
-    write_run(tmp_path / "a", refiner="ppo")
-    write_run(tmp_path / "b", generations=history([9.0] * 3))
-    assert unequal_sections(pair_by_seed(read_runs(tmp_path).runs)) == ("ge",)
+def test_the_best_run_is_that_of_validation_then_the_simplest(tmp_path):
+    runs = [
+        read_run(
+            write_run(tmp_path / name, validation_mean=validation, test_mean=test, complexity_M=complexity)
+        )
+        for name, validation, test, complexity in [
+            ("a", 490.0, 500.0, 17.8),
+            ("b", 499.0, 480.0, 53.4),
+            ("c", 499.0, 470.0, 35.6),
+        ]
+    ]
+    assert best_run(runs).path.name == "c"

@@ -5,9 +5,8 @@ import json
 
 from rich.console import Console
 
-from ge_torchrl import experiment
+from ge_torchrl.artefacts.records import CLOCK_FIELDS
 from ge_torchrl.config import Config
-from ge_torchrl.records import CLOCK_FIELDS
 
 BNF = """
 <if>        ::= if <condition> then <action> else <action>
@@ -18,6 +17,7 @@ BNF = """
 
 
 def config(seed=0, **sections):
+    """Grammatical evolution alone, and an archive that only keeps; `sections` change keys of theirs."""
     values = {
         "env": {
             "id": "CartPole-v1",
@@ -28,7 +28,15 @@ def config(seed=0, **sections):
         },
         "grammar": {"name": "test", "bnf": BNF},
         "ge": {"population_size": 40, "generations": 15, "genotype_length": 40, "gene_probability": 0.1},
-        "evaluation": {"episodes": 5, "validation_episodes": 30, "test_episodes": 20},
+        "evaluation": {
+            "episodes": 5,
+            "validation_episodes": 30,
+            "test_episodes": 20,
+            "steps_per_second": 1e8,
+        },
+        "refiner": {"method": "none"},
+        "polish": {"every": None},
+        "archive": {"neighbours": 0, "revisits": 0, "migrants": 0, "final_keep": 0, "episodes": 50},
         "seed": seed,
     }
     for name, changes in sections.items():
@@ -37,11 +45,15 @@ def config(seed=0, **sections):
 
 
 def run(config, folder):
+    """Run an experiment; return its summary and what it printed."""
+    from ge_torchrl.run.experiment import run as run_experiment
+
     output = io.StringIO()
-    summary = experiment.run(config, folder, Console(file=output, width=200))
+    summary = run_experiment(config, folder, Console(file=output, width=200))
     return summary, output.getvalue()
 
 
 def without_clock(path):
+    """Return the records of a file without what the clock says."""
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     return [{key: value for key, value in line.items() if key not in CLOCK_FIELDS} for line in lines]

@@ -1,6 +1,6 @@
 import pytest
 
-from ge_torchrl.report.published import PUBLISHED
+from ge_torchrl.report.thesis.published import PUBLISHED
 
 SWEEPS = list(PUBLISHED.values())
 

@@ -1,0 +1,78 @@
+from pathlib import Path
+
+from records_for_tests import kept, summary
+from sweeps_for_tests import PRUNED, controller, leaf
+
+from ge_torchrl.run.closing import closing_text, tree_text
+
+CHAMPION, LEAF = controller(PRUNED), controller(leaf(0))
+
+
+def test_closing_summary_in_full():
+    found = summary(decision_nodes=2, complexity_M=35.6, steps={"fitness": 6_026_646}, test_episodes=1000)
+    assert closing_text(found, CHAMPION, Path("out/run")) == (
+        "theta < 0.0154 rad?\n"
+        "├─ yes: theta_dot < 0.229 rad/s?\n"
+        "│       ├─ yes: left\n"
+        "│       └─ no:  right\n"
+        "└─ no:  right\n"
+        "\n"
+        "training    500.00  the champion's fitness on its training episodes\n"
+        "validation  490.00  on the episodes that chose it\n"
+        "test        487.40 ± 12.35  on 1,000 unseen episodes\n"
+        "verdict     SOLVED: the threshold is a mean return of 475\n"
+        "size        2 decision nodes, depth 2, M = 35.6\n"
+        "effort      200 generations, 6,026,646 steps of the environment, 0.2 s of search, 0.5 s in all\n"
+        "run folder  out/run"
+    )
+
+
+def test_the_archive_stands_between_with_a_mark_at_the_champion():
+    archive = [kept(1, 199.2, test_std=30.0), kept(2, 499.98), kept(11, 500.0, test_std=0.0)]
+    text = closing_text(summary(decision_nodes=2), LEAF, Path("run"), archive)
+    assert text.splitlines()[:8] == [
+        "always left",
+        "",
+        "decision nodes  test mean ± sd",
+        "             1  199.20 ± 30.00",
+        "             2   499.98 ± 1.50  champion",
+        "            11   500.00 ± 0.00",
+        "",
+        "training    500.00  the champion's fitness on its training episodes",
+    ]
+
+
+def rows_of(refiner="PPO", **changes):
+    """Return the rows between effort and the folder."""
+    lines = closing_text(summary(**changes), LEAF, Path("run"), (), refiner).splitlines()
+    return lines[[line.split()[0] if line else "" for line in lines].index("effort") + 1 : -1]
+
+
+def test_what_was_refined_and_polished_is_told_with_the_champion():
+    refined = {"refined": 279, "refinements": 9, "refinements_improved": 7, "refine_seconds": 41.23}
+    assert rows_of(**refined, champion_from="refinement") == [
+        "PPO         279 trees refined in 41.2 s; 7 of 9 individuals improved; the champion is a refined tree"
+    ]
+    assert rows_of("CMA-ES", **refined, polished=1593, polish_seconds=47.96, champion_from="polish") == [
+        "CMA-ES      279 trees refined in 41.2 s; 7 of 9 individuals improved",
+        "polish      1,593 trees polished in 48.0 s; the champion is a polished tree",
+    ]
+    assert rows_of(polished=1) == [
+        "polish      1 tree polished in 0.0 s; the champion is from the population"
+    ]
+    assert rows_of() == []
+
+
+def test_warnings_have_a_line_each():
+    assert rows_of(warnings=("one", "two")) == ["warning     one", "warning     two"]
+
+
+def test_an_early_end_is_told_first():
+    text = closing_text(summary(stopped_by="interrupt"), LEAF, Path("run"))
+    assert text.splitlines()[:3] == ["always left", "", "stopped by  interrupt"]
+
+
+def test_a_tree_is_drawn_and_told_in_rules():
+    drawn, rules = tree_text(CHAMPION).split("\n\n")
+    assert drawn.startswith("theta < 0.0154 rad?\n├─ yes: ")
+    assert rules.startswith("if theta < 0.0154 rad and theta_dot < 0.229 rad/s then left\n")
