@@ -87,10 +87,9 @@ def _record(kind: type[_Record], text: str, source: str) -> _Record:
             f"{source} must be an object with every key of a {kind.__name__}; missing: {missing}"
         )
     # JSON knows lists alone, records tuples alone.
-    return kind(
-        **{
-            field.name: tuple(value) if isinstance(value := values[field.name], list) else value
-            for field in given
-            if field.name in values
-        }
-    )
+    known: dict[str, Any] = {
+        field.name: tuple(value) if isinstance(value := values[field.name], list) else value
+        for field in given
+        if field.name in values
+    }
+    return kind(**known)

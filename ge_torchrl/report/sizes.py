@@ -118,6 +118,18 @@ def by_size(trees: Iterable[SizedTree]) -> list[SizeRow]:
     return [SizeRow(size, tuple(of_size[size])) for size in sorted(of_size)]
 
 
+_MANY_HEAD = (
+    "decision nodes",
+    "runs",
+    "median",
+    "best in validation",
+    "its seed",
+    "best of runs (chosen by this test)",
+    "its seed",
+    "champions",
+)
+
+
 def are_of_one_run(rows: Sequence[SizeRow]) -> bool:
     """Tell whether all trees are one run's, so that there is nothing to choose among runs."""
     return all(len(row.trees) == 1 for row in rows) and len({row.trees[0].seed for row in rows}) == 1
@@ -138,10 +150,8 @@ def sizes_table(rows: Sequence[SizeRow]) -> Table:
                 for tree in row.trees
             ),
         ).without_empty_columns()
-    head = ("decision nodes", "runs", "median", "best in validation", "its seed")
-    head += ("best of runs (chosen by this test)", "its seed", "champions")
     return Table.of(
-        head,
+        _MANY_HEAD,
         (
             (
                 str(row.decision_nodes),

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from ge_torchrl.trees.controller import Names
 from hypothesis import given, settings
 from strategies import trees
 from sweeps_for_tests import CARTPOLE, PRUNED, controller, leaf, split
@@ -8,6 +7,7 @@ from sweeps_for_tests import CARTPOLE, PRUNED, controller, leaf, split
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report.canvas import ORANGE, SKY
 from ge_torchrl.report.drawing import draw_tree, save_tree, tidy_layout
+from ge_torchrl.trees.controller import Names
 from ge_torchrl.trees.tree import DecisionTree
 
 BOX_HEIGHT = 0.36

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from ge_torchrl.trees.files import write_controller
 from records_for_tests import kept
 from sweeps_for_tests import PRUNED, chain, controller, leaf, split, write_run
 
@@ -14,6 +13,7 @@ from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report import evaluation
 from ge_torchrl.report.evaluation import evaluate, evaluate_runs, is_above_runs
 from ge_torchrl.seeding import episode_seeds, stream
+from ge_torchrl.trees.files import write_controller
 from ge_torchrl.trees.forest import Forest
 
 

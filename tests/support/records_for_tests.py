@@ -39,12 +39,12 @@ def summary(**changes):
     return Summary(**{**values, **changes})
 
 
-def generation(number, best, refined=None, steps=1000, **changes):
+def generation(number, best, best_refined=None, steps=1000, **changes):
     """A generation after which the run has taken `steps` environment steps for each so far."""
     values = {
         "generation": number,
         "best_fitness": best,
-        "best_refined": refined,
+        "best_refined": best_refined,
         "median_fitness": 9.4,
         "mean_fitness": 20.0,
         "best_decision_nodes": 2,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ge_torchrl.trees.controller import Controller, Names
 from records_for_tests import history, summary
 
 from ge_torchrl.artefacts.folder import RunFolder
@@ -19,6 +18,7 @@ from ge_torchrl.config import (
     RefinerConfig,
     ScheduleConfig,
 )
+from ge_torchrl.trees.controller import Controller, Names
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
