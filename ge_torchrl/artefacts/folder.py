@@ -26,7 +26,7 @@ import yaml
 
 from ge_torchrl.artefacts.lines import RecordWriter, read_record, read_records, to_json
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
-from ge_torchrl.artefacts.texts import read_text, try_to_write, write_text, write_whole
+from ge_torchrl.artefacts.texts import read_text, told_of, write_text, write_whole
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.trees.controller import Controller
@@ -62,10 +62,8 @@ class RunFolder:
             raise ArtefactError(
                 f"hydra.run.dir must be a folder without a run, so that nothing is lost; {path} holds one already"
             )
-        try:
+        with told_of(path):
             path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ArtefactError(f"the run folder {path} cannot be written: {error.strerror}") from error
         folder = cls(path)
         folder.write_config(config)
         return folder
@@ -95,13 +93,15 @@ class RunFolder:
         Args:
             members: From small to large, one of a size. Files of sizes that are not among them are removed.
         """
-        try_to_write(self.path / ARCHIVE_TREES, lambda path: path.mkdir(exist_ok=True))
+        with told_of(self.path / ARCHIVE_TREES):
+            (self.path / ARCHIVE_TREES).mkdir(exist_ok=True)
         paths = [self._archive_tree(record.decision_nodes) for record, _ in members]
         for path, (_, controller) in zip(paths, members, strict=True):
             _write_tree(path, controller)
         write_text(self.path / ARCHIVE, "".join(to_json(record) for record, _ in members))
         for stale in set((self.path / ARCHIVE_TREES).glob("*.json")).difference(paths):
-            try_to_write(stale, Path.unlink)
+            with told_of(stale):
+                stale.unlink()
 
     def write_summary(self, summary: Summary) -> None:
         """Write the summary, the last file of a run."""

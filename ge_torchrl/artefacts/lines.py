@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import IO, Any, Self, TypeVar
 
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
-from ge_torchrl.artefacts.texts import read_text
+from ge_torchrl.artefacts.texts import read_text, told_of
 from ge_torchrl.errors import ArtefactError
 
 _Record = TypeVar("_Record", GenerationRecord, RefinementRecord, ArchiveRecord, Summary)
@@ -28,7 +28,8 @@ class RecordWriter:
         self._file: IO[str] | None = None
 
     def __enter__(self) -> Self:
-        self._file = self._path.open("w", encoding="utf-8", buffering=1)
+        with told_of(self._path):
+            self._file = self._path.open("w", encoding="utf-8", buffering=1)
         return self
 
     def __exit__(
@@ -38,10 +39,15 @@ class RecordWriter:
             self._file.close()
 
     def write(self, record: GenerationRecord | RefinementRecord) -> None:
-        """Append one record; numbers that are not finite become null."""
+        """Append one record; numbers that are not finite become null.
+
+        Raises:
+            ArtefactError: The file cannot be written.
+        """
         if self._file is None:
             raise ValueError("records are written inside a with statement")
-        self._file.write(to_json(record))
+        with told_of(self._path):
+            self._file.write(to_json(record))
 
 
 def to_json(

@@ -27,7 +27,8 @@ class GenerationRecord:
     Attributes:
         generation: 0 for the random first population.
         best_fitness: Of the whole population; None where no individual has a tree.
-        best_refined: The best return that a refined tree was measured with so far; None before there is one.
+        best_refined: The best that a refined tree was measured with so far, on the scale of fitness; None before there
+            is one.
         median_fitness: Of the individuals that have a tree.
         mean_fitness: Likewise.
         best_decision_nodes: Of the fittest tree, without splits that no state can reach.

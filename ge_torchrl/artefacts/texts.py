@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ge_torchrl.errors import ArtefactError
@@ -42,21 +43,19 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         ArtefactError: The file cannot be written.
     """
     beside = path.with_name(f".{path.name}.partial")
-
-    def write_and_replace(_: Path) -> None:
+    with told_of(path):
         write(beside)
         beside.replace(path)
 
-    try_to_write(path, write_and_replace)
 
-
-def try_to_write(path: Path, write: Callable[[Path], object]) -> None:
-    """Do something to a path.
+@contextmanager
+def told_of(path: Path) -> Iterator[None]:
+    """Tell in one line of what the system refuses to write.
 
     Raises:
-        ArtefactError: It cannot be done.
+        ArtefactError: The path cannot be written.
     """
     try:
-        write(path)
+        yield
     except OSError as error:
         raise ArtefactError(f"{path} cannot be written: {error.strerror}") from error

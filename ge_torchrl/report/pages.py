@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ge_torchrl import __version__
-from ge_torchrl.errors import ArtefactError
+from ge_torchrl.artefacts.texts import told_of, write_text
 from ge_torchrl.report.canvas import save_figure
 from ge_torchrl.report.drawing import save_tree
 from ge_torchrl.report.figures import convergence_figure
@@ -56,11 +56,9 @@ def write_report(folder: Path, against: Path | None, output: Path) -> Path:
     if found.unreadable:
         sections += ["## Left out", "\n".join(f"* {line}" for line in found.unreadable)]
     path = output / REPORT
-    try:
+    with told_of(output):
         output.mkdir(parents=True, exist_ok=True)
-        path.write_text("\n\n".join(sections) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ArtefactError(f"the report {path} cannot be written: {error.strerror}") from error
+    write_text(path, "\n\n".join(sections) + "\n")
     return path
 
 

@@ -179,6 +179,10 @@ class TestLines:
             writer.write(generation(0, 9.0))
             assert read_records(GenerationRecord, path) == [generation(0, 9.0)]
 
+    def test_a_file_that_cannot_be_written_is_told(self, tmp_path):
+        with pytest.raises(ArtefactError, match="cannot be written"), RecordWriter(tmp_path / "no" / "lines"):
+            pass
+
     def test_records_are_written_inside_a_with_statement(self, tmp_path):
         with pytest.raises(ValueError, match="with statement"):
             RecordWriter(tmp_path / "lines.jsonl").write(generation(0, 9.0))
