@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections import Counter
@@ -23,6 +24,13 @@ _Result = TypeVar("_Result")
 
 # A sign of life is given at most this often [s].
 _BEAT_SECONDS = 0.25
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +82,10 @@ class Trajectory:
 
 
 class SoftForest(NamedTuple):
-    """`R` trees whose decisions and leaves are random, padded to `M` splits and `L` leaves; padding is never reached.
+    """`R` trees whose decisions and leaves are random, padded to `M` splits and `L` leaves.
 
-    Split `m` goes left with probability `sigma(alpha (threshold - x))`. With an infinite `alpha` it is the hard split.
+    A split goes left with probability `sigma(alpha (threshold - x))`. With an infinite `alpha` it is the hard split.
+    Both children of a row of padding are `~0`; so a tree without splits stands beside others as leaf 0.
 
     Attributes:
         feature: [R, M] int32.
@@ -115,6 +124,20 @@ class Samples(NamedTuple):
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
     episode_returns: NDArray[np.float32]
+
+    @classmethod
+    def empty(cls, n_trees: int, n_steps: int, n_features: int) -> Samples:
+        """Return room for `n_steps` steps of each tree."""
+        shape = (n_trees, n_steps)
+        return cls(
+            observations=np.empty((*shape, n_features), np.float32),
+            actions=np.empty(shape, np.int64),
+            rewards=np.empty(shape, np.float32),
+            next_observations=np.empty((*shape, n_features), np.float32),
+            terminated=np.empty(shape, np.bool_),
+            truncated=np.empty(shape, np.bool_),
+            episode_returns=np.empty(shape, np.float32),
+        )
 
 
 @dataclass(frozen=True)
@@ -251,7 +274,6 @@ class Backend(Protocol):
         name: "kernel" or "gymnasium".
         spec: The environment.
         ledger: Where others count the steps that they make in the environment by themselves.
-        steps_per_second: How fast it runs small trees, measured once at the start; not in the ledger.
         limit: How far the run may go; None for no limit.
         on_steps: Called with the number of all steps so far, every second or more often while steps are made.
     """
@@ -259,9 +281,13 @@ class Backend(Protocol):
     name: str
     spec: EnvironmentSpec
     ledger: Ledger
-    steps_per_second: float
     limit: Limit | None
     on_steps: Callable[[int], None]
+
+    @property
+    def steps_per_second(self) -> float:
+        """How fast small trees run, measured once when first asked for; not in the ledger."""
+        ...
 
     @property
     def steps(self) -> Counter[str]:
@@ -272,6 +298,8 @@ class Backend(Protocol):
         self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
     ) -> Outcomes:
         """Run every tree on the episodes that `reset(seed=s)` begins, for each `s` of `seeds` [E].
+
+        Trees run as they are: those of a young population are many times faster once they are simplified.
 
         Raises:
             LimitReachedError: The run is at its limit, or came to it here.

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
+from ge_torchrl.environments.draws import first_uniforms
 from ge_torchrl.environments.trigonometry import round_to_integer, sin_cos, sin_cos_reduced
 
 LANES = 64
@@ -197,21 +198,27 @@ def _starts(states: NDArray[np.float64], observations: NDArray[np.float32]) -> S
     return starts
 
 
+def _uniform(low: float, high: float, seeds: NDArray[np.int64], n: int) -> NDArray[np.float64]:
+    """[E, n], as `default_rng(seed).uniform(low, high, n)` for each seed."""
+    return low + (high - low) * first_uniforms(seeds, n)
+
+
 def cartpole_starts(seeds: NDArray[np.int64]) -> Starts:
     """[E, START_ROWS] of CartPole-v1: every state variable uniform in [-0.05, 0.05]."""
-    states = np.array([np.random.default_rng(seed).uniform(-0.05, 0.05, 4) for seed in seeds])
+    states = _uniform(-0.05, 0.05, seeds, 4)
     return _starts(states, states.astype(np.float32))
 
 
 def mountain_car_starts(seeds: NDArray[np.int64]) -> Starts:
     """[E, START_ROWS] of MountainCar-v0: position uniform in [-0.6, -0.4] m, at rest."""
-    states = np.array([[np.random.default_rng(seed).uniform(-0.6, -0.4), 0.0] for seed in seeds])
+    states = np.zeros((len(seeds), 2))
+    states[:, :1] = _uniform(-0.6, -0.4, seeds, 1)
     return _starts(states, states.astype(np.float32))
 
 
 def acrobot_starts(seeds: NDArray[np.int64]) -> Starts:
     """[E, START_ROWS] of Acrobot-v1: angles and angular velocities uniform in [-0.1, 0.1], rounded to float32."""
-    states = np.array([np.random.default_rng(seed).uniform(-0.1, 0.1, 4) for seed in seeds], dtype=np.float32)
+    states = _uniform(-0.1, 0.1, seeds, 4).astype(np.float32)
     theta_1, theta_2 = states[:, 0], states[:, 1]
     # Gymnasium's first observation takes the cosine of a float32; NumPy's float32 cosine gives the same bits.
     first = np.stack([np.cos(theta_1), np.sin(theta_1), np.cos(theta_2), np.sin(theta_2)], axis=1)
@@ -230,16 +237,14 @@ class Dynamics:
     Attributes:
         index: Which branch of `advance` steps it.
         starts: Episode seeds [E] to start rows [E, START_ROWS], bit for bit Gymnasium's `reset(seed=s)`.
-        n_state: Number of state variables, the first rows of a lane.
     """
 
     index: int
     starts: Callable[[NDArray[np.int64]], Starts]
-    n_state: int
 
 
 DYNAMICS = {
-    "CartPole-v1": Dynamics(CARTPOLE, cartpole_starts, 4),
-    "Acrobot-v1": Dynamics(ACROBOT, acrobot_starts, 4),
-    "MountainCar-v0": Dynamics(MOUNTAIN_CAR, mountain_car_starts, 2),
+    "CartPole-v1": Dynamics(CARTPOLE, cartpole_starts),
+    "Acrobot-v1": Dynamics(ACROBOT, acrobot_starts),
+    "MountainCar-v0": Dynamics(MOUNTAIN_CAR, mountain_car_starts),
 }

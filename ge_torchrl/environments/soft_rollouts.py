@@ -1,227 +1,229 @@
-"""Fused sampling of a soft tree: descent, action, physics, reward and reset in one compiled loop.
+"""Fused sampling of soft trees: descent, action, physics, reward and reset in one compiled loop.
 
 A soft tree is a mixture: the leaf is drawn by the path weights, the action by the leaf's probabilities. Going down
 at random, left with the weight of the left branch, draws from exactly that mixture at the cost of a single path.
+A few streams run side by side, one a lane, so that physics takes one vector step for all of them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
+from ge_torchrl.environments.backend import Samples, SoftForest
+from ge_torchrl.environments.draws import draw_uniform, seed_generator
 from ge_torchrl.environments.dynamics import (
     ACTION,
-    DYNAMICS,
     LANE_ROWS,
     LANES,
     OBSERVATION,
     REWARD,
     START_ROWS,
     TERMINATED,
+    VECTOR,
+    Starts,
     advance,
 )
-from ge_torchrl.environments.spec import EnvironmentSpec
-from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.seeding import episode_seeds
-from ge_torchrl.trees.decision_tree import FloatArray, IntArray
 
-# A start costs some ten microseconds, and so does a call of the kernel: few are made ahead, and not one by one.
+# Episodes are begun ahead, so that a kernel seldom comes back for more.
 _STARTS_PER_BLOCK = 32
+_BLOCKS = 2
 
 
-class SoftTree(NamedTuple):
-    """A tree whose decisions and leaves are random; node `j` goes left with probability `sigma(alpha_j (phi - x))`.
-
-    Attributes:
-        feature: [N] int32, as in `DecisionTree`.
-        threshold: [N] float32, likewise.
-        children_left: [N] int32, likewise.
-        children_right: [N] int32, likewise.
-        probabilities: [N, A] float64, a leaf's probability of each action; rows of decision nodes are not read.
-        alpha: [N] float64, steepness of each decision by one unit of its feature; those of leaves are not read.
-    """
-
-    feature: IntArray
-    threshold: FloatArray
-    children_left: IntArray
-    children_right: IntArray
-    probabilities: NDArray[np.float64]
-    alpha: NDArray[np.float64]
-
-
-class Samples(NamedTuple):
-    """`T` consecutive steps of one stream of episodes.
+class _Streams(NamedTuple):
+    """A few streams of episodes, one a lane.
 
     Attributes:
-        observations: [T, D] float32, what the action was chosen on.
-        actions: [T] int64.
-        rewards: [T] float32.
-        next_observations: [T, D] float32, before any reset.
-        terminated: [T] bool, the task ended the episode.
-        truncated: [T] bool, the episode reached its limit.
-        step_counts: [T] int64, steps of the episode up to and with this one.
-        episode_returns: [T] float32, its rewards so far; the return of the episode where it ends.
-    """
-
-    observations: FloatArray
-    actions: NDArray[np.int64]
-    rewards: FloatArray
-    next_observations: FloatArray
-    terminated: NDArray[np.bool_]
-    truncated: NDArray[np.bool_]
-    step_counts: NDArray[np.int64]
-    episode_returns: FloatArray
-
-    @classmethod
-    def empty(cls, n_steps: int, n_features: int) -> Samples:
-        """Return room for `n_steps` steps."""
-        return cls(
-            observations=np.empty((n_steps, n_features), np.float32),
-            actions=np.empty(n_steps, np.int64),
-            rewards=np.empty(n_steps, np.float32),
-            next_observations=np.empty((n_steps, n_features), np.float32),
-            terminated=np.empty(n_steps, np.bool_),
-            truncated=np.empty(n_steps, np.bool_),
-            step_counts=np.empty(n_steps, np.int64),
-            episode_returns=np.empty(n_steps, np.float32),
-        )
-
-
-class SoftSampler:
-    """Samples one endless stream of episodes; an episode that a call cuts goes on in the next one.
-
-    Episodes start as `reset(seed=s)` starts them, with training seeds drawn from `rng`, which draws the decisions
-    and actions as well. The stream depends on `rng` and the trees alone, not on how calls cut it.
-
-    Args:
-        spec: An environment of `DYNAMICS`.
-        rng: The source of randomness.
-
-    Raises:
-        EnvironmentFaultError: The environment has no compiled dynamics.
-    """
-
-    def __init__(self, spec: EnvironmentSpec, rng: np.random.Generator) -> None:
-        if spec.id not in DYNAMICS:
-            raise EnvironmentFaultError(
-                f"fused samples need compiled dynamics, which exist for {', '.join(DYNAMICS)}; got {spec.id}"
-            )
-        self.spec = spec
-        self._dynamics = DYNAMICS[spec.id]
-        self._rng = rng
-        self._starts = np.empty((0, START_ROWS))
-        self._stream = _Stream(np.zeros(LANE_ROWS * LANES), np.zeros(1, np.int64), np.zeros(1))
-
-    def sample(self, tree: SoftTree, n_steps: int) -> Samples:
-        """Take `n_steps` steps.
-
-        Args:
-            tree: The soft tree that acts.
-            n_steps: Number of steps, T.
-
-        Returns:
-            The steps, in their order.
-        """
-        samples = Samples.empty(n_steps, self.spec.n_features)
-        n_done = 0
-        while True:
-            n_done, n_used = _fill(
-                self._dynamics.index,
-                self.spec.max_episode_steps,
-                tree,
-                self._stream,
-                self._starts,
-                samples,
-                n_done,
-                self._rng,
-            )
-            self._starts = self._starts[n_used:]
-            if n_done == n_steps:
-                return samples
-            self._starts = self._dynamics.starts(episode_seeds("training", _STARTS_PER_BLOCK, self._rng))
-
-
-class _Stream(NamedTuple):
-    """The episode under way, in lane 0 of a buffer that `dynamics` lays out.
-
-    Attributes:
-        rows: [LANE_ROWS * LANES] float64.
-        steps: [1] int64, steps so far; 0 where an episode must begin.
-        total: [1] float64, the return so far.
+        rows: [LANE_ROWS * LANES] float64, as `dynamics` lays them out.
+        steps: [n] int64, steps so far; 0 where an episode must begin.
+        total: [n] float64, the return so far.
+        starts: [n, _BLOCKS * _STARTS_PER_BLOCK, START_ROWS], episodes to come.
+        used: [n] int64, how many of these are used.
+        generator: [n, 4] uint64, draws decisions and actions.
     """
 
     rows: NDArray[np.float64]
     steps: NDArray[np.int64]
     total: NDArray[np.float64]
+    starts: NDArray[np.float64]
+    used: NDArray[np.int64]
+    generator: NDArray[np.uint64]
 
 
 @compiled
-def _draw_action(tree: SoftTree, rows: NDArray[np.float64], rng: np.random.Generator) -> int:
+def _draw_action(
+    soft: SoftForest, tree: int, rows: NDArray[np.float64], lane: int, generator: NDArray[np.uint64]
+) -> int:
     """Draw a path from the root, then an action from the leaf."""
-    node = 0
-    while tree.children_left[node] >= 0:
-        distance = tree.threshold[node] - rows[OBSERVATION + tree.feature[node] * LANES]
-        weight = 1.0 / (1.0 + np.exp(-tree.alpha[node] * distance))
-        node = tree.children_left[node] if rng.random() < weight else tree.children_right[node]
-    action, left_over = 0, rng.random() - tree.probabilities[node, 0]
+    node = 0 if soft.feature.shape[1] > 0 else -1
+    while node >= 0:
+        left, right = np.int64(soft.children_left[tree, node]), np.int64(soft.children_right[tree, node])
+        if left == right:
+            # A row of padding stands where a tree has no split: nothing is drawn, as if it were not there.
+            node = left
+            continue
+        observed = rows[OBSERVATION + soft.feature[tree, node] * LANES + lane]
+        # Exactly at the threshold of an infinitely steep split the weight is no number, and no draw is below it.
+        distance = np.float64(soft.threshold[tree, node]) - observed
+        weight = 1.0 / (1.0 + np.exp(-soft.alpha[tree, node] * distance))
+        node = left if draw_uniform(generator) < weight else right
+    action, left_over = 0, draw_uniform(generator) - soft.probabilities[tree, ~node, 0]
     # What rounding leaves of a sum of one falls to the last action.
-    while left_over >= 0.0 and action < tree.probabilities.shape[1] - 1:
+    while left_over >= 0.0 and action < soft.probabilities.shape[2] - 1:
         action += 1
-        left_over -= tree.probabilities[node, action]
+        left_over -= soft.probabilities[tree, ~node, action]
     return action
 
 
 @compiled
-def _begin_episode(stream: _Stream, starts: NDArray[np.float64], index: int) -> None:
-    stream.total[0] = 0.0
-    for row in range(START_ROWS):
-        stream.rows[row * LANES] = starts[index, row]
-
-
-@compiled
-def _observe(rows: NDArray[np.float64], observations: FloatArray, t: int) -> None:
-    for feature in range(observations.shape[1]):
-        observations[t, feature] = rows[OBSERVATION + feature * LANES]
+def _begin_episodes(streams: _Streams, n: int) -> bool:
+    """Begin the episodes that must begin; tell whether all could."""
+    for lane in range(n):
+        if streams.steps[lane] == 0 and streams.used[lane] == streams.starts.shape[1]:
+            return False
+    for lane in range(n):
+        if streams.steps[lane] == 0:
+            for row in range(START_ROWS):
+                streams.rows[row * LANES + lane] = streams.starts[lane, streams.used[lane], row]
+            streams.used[lane] += 1
+            streams.total[lane] = 0.0
+    return True
 
 
 @compiled
 def _fill(
     dynamics: int,
     max_episode_steps: int,
-    tree: SoftTree,
-    stream: _Stream,
-    starts: NDArray[np.float64],
+    soft: SoftForest,
+    first_tree: int,
+    streams: _Streams,
     samples: Samples,
     first: int,
-    rng: np.random.Generator,
-) -> tuple[int, int]:
-    """Write samples from row `first` on, until they are full or an episode must begin and no start is left.
+    last: int,
+) -> int:
+    """Write steps `first` to `last - 1` of trees `first_tree` to `first_tree + n - 1`.
 
     Returns:
-        The row behind the last one written, and the number of starts used.
+        `last`, or the step where an episode must begin and no start is left.
     """
-    rows = stream.rows
-    n_used = 0
-    for t in range(first, len(samples.actions)):
-        if stream.steps[0] == 0:
-            if n_used == len(starts):
-                return t, n_used
-            _begin_episode(stream, starts, n_used)
-            n_used += 1
-        _observe(rows, samples.observations, t)
-        action = _draw_action(tree, rows, rng)
-        rows[ACTION] = action
-        advance(dynamics, rows, 1)
-        _observe(rows, samples.next_observations, t)
-        stream.steps[0] += 1
-        stream.total[0] += rows[REWARD]
-        terminated, truncated = rows[TERMINATED] != 0.0, stream.steps[0] >= max_episode_steps
-        samples.actions[t], samples.rewards[t] = action, rows[REWARD]
-        samples.terminated[t], samples.truncated[t] = terminated, truncated
-        samples.step_counts[t], samples.episode_returns[t] = stream.steps[0], stream.total[0]
-        if terminated or truncated:
-            stream.steps[0] = 0
-    return len(samples.actions), n_used
+    rows, n = streams.rows, len(streams.steps)
+    for t in range(first, last):
+        if not _begin_episodes(streams, n):
+            return t
+        for lane in range(n):
+            r = first_tree + lane
+            for feature in range(samples.observations.shape[2]):
+                samples.observations[r, t, feature] = rows[OBSERVATION + feature * LANES + lane]
+            action = _draw_action(soft, r, rows, lane, streams.generator[lane])
+            samples.actions[r, t] = action
+            rows[ACTION + lane] = action
+        advance(dynamics, rows, n)
+        for lane in range(n):
+            r = first_tree + lane
+            for feature in range(samples.observations.shape[2]):
+                samples.next_observations[r, t, feature] = rows[OBSERVATION + feature * LANES + lane]
+            reward = rows[REWARD + lane]
+            streams.steps[lane] += 1
+            streams.total[lane] += reward
+            terminated = rows[TERMINATED + lane] != 0.0
+            truncated = streams.steps[lane] >= max_episode_steps
+            samples.rewards[r, t], samples.episode_returns[r, t] = reward, streams.total[lane]
+            samples.terminated[r, t], samples.truncated[r, t] = terminated, truncated
+            if terminated or truncated:
+                streams.steps[lane] = 0
+    return last
+
+
+def check_soft_forest(soft: SoftForest, n_trees: int) -> None:
+    """Refuse what a kernel would read beyond its arrays or never come back from.
+
+    Raises:
+        ValueError: There are more or fewer trees than streams, or a child is no later split and no leaf.
+    """
+    n_splits, n_leaves = soft.feature.shape[1], soft.probabilities.shape[1]
+    children = np.stack([soft.children_left, soft.children_right])
+    if len(soft.feature) != n_trees:
+        raise ValueError(f"{n_trees} streams need as many soft trees; got {len(soft.feature)}")
+    is_split = (children > np.arange(n_splits)) & (children < n_splits)
+    is_leaf = (children < 0) & (~children < n_leaves)
+    if not (is_split | is_leaf).all():
+        raise ValueError("a child must be a split behind its parent, or ~leaf; rows of padding hold ~0 twice")
+
+
+class SoftStreams:
+    """Samples a few streams of episodes, each endless; an episode that a call cuts goes on in the next one.
+
+    Episodes start as `reset(seed=s)` starts them, with training seeds that the stream's own `rng` draws; it seeds the
+    draws of decisions and actions too. A stream depends on its `rng` and its trees alone: not on how calls cut it,
+    and not on the streams beside it.
+
+    Args:
+        dynamics: Branch of `advance`.
+        make_starts: Episode seeds [E] to start rows [E, START_ROWS].
+        max_episode_steps: Truncation.
+        rngs: [n] sources of randomness, of at most `LANES` streams.
+    """
+
+    # So many streams fill the vector registers; more would keep other threads from work.
+    WIDTH = VECTOR
+
+    def __init__(
+        self,
+        dynamics: int,
+        make_starts: Callable[[NDArray[np.int64]], Starts],
+        max_episode_steps: int,
+        rngs: Sequence[np.random.Generator],
+    ) -> None:
+        self._dynamics = dynamics
+        self._make_starts = make_starts
+        self._max_episode_steps = max_episode_steps
+        self._rngs = rngs
+        n, n_starts = len(rngs), _BLOCKS * _STARTS_PER_BLOCK
+        self._streams = _Streams(
+            rows=np.zeros(LANE_ROWS * LANES),
+            steps=np.zeros(n, np.int64),
+            total=np.zeros(n),
+            starts=np.zeros((n, n_starts, START_ROWS)),
+            used=np.full(n, n_starts, np.int64),
+            generator=np.zeros((n, 4), np.uint64),
+        )
+        for lane, rng in enumerate(rngs):
+            seed_generator(int(rng.integers(2**62)), self._streams.generator[lane])
+
+    def fill(self, soft: SoftForest, first_tree: int, samples: Samples, first: int, last: int) -> None:
+        """Write the next steps of the streams.
+
+        Args:
+            soft: The soft trees [R] that act, those from `first_tree` on by these streams.
+            first_tree: The tree of the first stream.
+            samples: [R, T], written in the rows of these trees.
+            first: First step to write.
+            last: One past the last step to write.
+        """
+        t = first
+        while t < last:
+            self._draw_starts()
+            t = _fill(
+                self._dynamics,
+                self._max_episode_steps,
+                soft,
+                first_tree,
+                self._streams,
+                samples,
+                t,
+                last,
+            )
+
+    def _draw_starts(self) -> None:
+        """Fill up the episodes to come, in whole blocks: a stream's seeds do not depend on when that is."""
+        starts, used = self._streams.starts, self._streams.used
+        for lane, rng in enumerate(self._rngs):
+            while used[lane] >= _STARTS_PER_BLOCK:
+                block = self._make_starts(episode_seeds("training", _STARTS_PER_BLOCK, rng))
+                starts[lane] = np.concatenate([starts[lane, _STARTS_PER_BLOCK:], block])
+                used[lane] -= _STARTS_PER_BLOCK

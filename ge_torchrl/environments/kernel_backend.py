@@ -1,0 +1,285 @@
+"""The kernel backend: fused kernels on threads, for the environments that have compiled dynamics."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property, partial
+from itertools import pairwise, product
+from math import ceil
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ge_torchrl.environments.backend import (
+    Accountable,
+    Backend,
+    Ledger,
+    Outcomes,
+    Samples,
+    SoftForest,
+    Trajectory,
+    available_cores,
+)
+from ge_torchrl.environments.dynamics import DYNAMICS, LANES, OBSERVATION, Dynamics
+from ge_torchrl.environments.recording import Recording, record_steps
+from ge_torchrl.environments.rollouts import Work, run_forest
+from ge_torchrl.environments.soft_rollouts import SoftStreams, check_soft_forest
+from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.environments.threads import Task, Threads, quick_switches
+from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.seeding import episode_seeds
+from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
+
+_Result = TypeVar("_Result")
+
+_NO_VISITS = np.zeros(0, np.int64)
+# More chunks than threads, so that a thread whose trees fall early finds other work.
+_CHUNKS_PER_THREAD = 4
+# A chunk takes a fraction of a second at most, and this part of the steps that a limit allows.
+_CHUNK_STEPS = 4_000_000
+_CHUNK_PART = 0.05
+# Training episodes begun at a time while a tree is observed.
+_STARTS_PER_BLOCK = 32
+_PROBE_TREES, _PROBE_EPISODES = 200, 32
+
+
+class KernelBackend(Accountable):
+    """Runs trees in fused kernels; see `Backend`. Results do not depend on the number of threads.
+
+    Args:
+        spec: An environment that has a kernel.
+        threads: Number of threads; 0 means one for each core that this process may use.
+        ledger: Where steps are counted; None for a new one.
+
+    Raises:
+        EnvironmentFaultError: The environment has no kernel.
+    """
+
+    name = "kernel"
+
+    def __init__(self, spec: EnvironmentSpec, threads: int = 0, ledger: Ledger | None = None) -> None:
+        super().__init__(ledger)
+        if not has_kernel(spec):
+            raise EnvironmentFaultError(
+                f"env.route=kernel needs a kernel, which exist for {', '.join(DYNAMICS)} as they are registered, "
+                f"without arguments or wrappers; got {spec.id} (env.route=gymnasium runs every environment)"
+            )
+        self.spec = spec
+        self._dynamics = DYNAMICS[spec.id]
+        self._threads = Threads(threads or available_cores(), self.ledger)
+
+    @cached_property
+    def steps_per_second(self) -> float:
+        """How fast small random trees run; see `Backend`."""
+        forest = _probe(self.spec, self._dynamics)
+        backend = KernelBackend(self.spec, self._threads.n)
+        try:
+            # The first call may wait for a compilation.
+            backend.evaluate(forest.take([0]), np.arange(_PROBE_EPISODES), "warm-up")
+            started = time.perf_counter()
+            steps = backend.evaluate(forest, np.arange(_PROBE_EPISODES), "probe").env_steps
+            return steps / (time.perf_counter() - started)
+        finally:
+            backend.close()
+
+    def evaluate(
+        self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
+    ) -> Outcomes:
+        """Run every tree on the episodes of `seeds`; see `Backend`."""
+        n_leaves = len(forest.arrays.action)
+        outcomes = Outcomes.empty(len(forest), len(seeds), n_leaves if visits else None)
+        starts = self._dynamics.starts(np.ascontiguousarray(seeds, np.int64))
+
+        adding = threading.Lock()
+
+        def run(trees: tuple[int, int], episodes: tuple[int, int]) -> int:
+            counts = np.zeros(n_leaves, np.int64) if visits else _NO_VISITS
+            work = Work(
+                self._dynamics.index, self.spec.max_episode_steps, starts, *trees, *episodes,
+                outcomes.returns, outcomes.lengths, counts,
+            )  # fmt: skip
+            run_forest(forest.arrays, work)
+            if outcomes.leaf_visits is not None:
+                with adding:
+                    outcomes.leaf_visits[:] += counts
+            return int(outcomes.lengths[slice(*trees), slice(*episodes)].sum())
+
+        self._threads.run(
+            (
+                Task(partial(run, trees, episodes), self._most_steps(trees, episodes))
+                for trees, episodes in self._chunks(len(forest), len(seeds))
+            ),
+            purpose,
+        )
+        return outcomes
+
+    def _most_steps(self, trees: tuple[int, int], episodes: tuple[int, int]) -> int:
+        return (trees[1] - trees[0]) * (episodes[1] - episodes[0]) * self.spec.max_episode_steps
+
+    def _chunks(self, n_trees: int, n_episodes: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+        """Return ranges of trees and of episodes that together are all.
+
+        Where a limit of steps could be reached they do not depend on the number of threads.
+        """
+        most_steps, threads = self._steps_of_a_chunk(n_trees * n_episodes * self.spec.max_episode_steps)
+        tree_parts = episode_parts = 1
+        if threads > 1 and n_trees >= 2 * threads:
+            tree_parts = threads * _CHUNKS_PER_THREAD
+        elif threads > 1:
+            episode_parts = threads
+        while True:
+            tree_parts, episode_parts = min(tree_parts, n_trees), min(episode_parts, n_episodes)
+            largest = (0, ceil(n_trees / max(tree_parts, 1))), (0, ceil(n_episodes / max(episode_parts, 1)))
+            if self._most_steps(*largest) <= most_steps or (tree_parts, episode_parts) == (
+                n_trees,
+                n_episodes,
+            ):
+                break
+            if tree_parts < n_trees:
+                tree_parts *= 2
+            else:
+                episode_parts *= 2
+        return product(_ranges(n_trees, tree_parts), _ranges(n_episodes, episode_parts))
+
+    def _steps_of_a_chunk(self, all_steps: int) -> tuple[float, int]:
+        """Return how many steps a chunk may make, and among how many threads work may be divided."""
+        limit = self.limit
+        if limit is None or limit.max_env_steps is None or all_steps < self.ledger.steps_left:
+            return _CHUNK_STEPS, self._threads.n
+        return min(_CHUNK_STEPS, _CHUNK_PART * limit.max_env_steps), 1
+
+    def sampler(self, rngs: Sequence[np.random.Generator]) -> KernelSampler:
+        """Return streams of training episodes; see `Backend`."""
+        return KernelSampler(self.spec, self._threads, self.ledger, rngs)
+
+    def observe(
+        self, trees: Sequence[DecisionTree], n_steps: int, rngs: Sequence[np.random.Generator], purpose: str
+    ) -> NDArray[np.float32]:
+        """Return what trees see; see `Backend`."""
+        forest = Forest.stack(trees)
+        observations = np.empty((len(trees), n_steps, self.spec.n_features), np.float32)
+
+        def run(tree: int) -> int:
+            recording, n_done = Recording.empty(n_steps, self.spec.n_features), 0
+            while n_done < n_steps:
+                seeds = episode_seeds("training", _STARTS_PER_BLOCK, rngs[tree])
+                n_done = self._record(forest, tree, seeds, recording, n_done)
+            observations[tree] = recording.observations[:-1]
+            return n_steps
+
+        self._threads.run((Task(partial(run, tree), n_steps) for tree in range(len(trees))), purpose)
+        return observations
+
+    def _record(
+        self, forest: Forest, tree: int, seeds: NDArray[np.int64], recording: Recording, first: int
+    ) -> int:
+        starts = self._dynamics.starts(seeds)
+        return record_steps(
+            self._dynamics.index, self.spec.max_episode_steps, starts, forest.arrays, tree, recording, first
+        )
+
+    def record(self, tree: DecisionTree, seed: int) -> Trajectory:
+        """Return one episode, step by step; see `Backend`."""
+        self.ledger.check()
+        recording = Recording.empty(self.spec.max_episode_steps, self.spec.n_features)
+        n_steps = self._record(Forest.stack([tree]), 0, np.array([seed]), recording, 0)
+        self.ledger.count("record", n_steps)
+        return Trajectory(
+            observations=recording.observations[: n_steps + 1].copy(),
+            actions=recording.actions[:n_steps].copy(),
+            rewards=recording.rewards[:n_steps].copy(),
+            terminated=bool(recording.terminated[n_steps - 1]),
+            truncated=bool(recording.truncated[n_steps - 1]),
+        )
+
+    def run_jobs(self, jobs: Sequence[Callable[[Backend], _Result]]) -> list[_Result]:
+        """Run jobs on the threads, each with a backend of one thread; see `Backend`.
+
+        Under a limit of steps jobs run one after another, so that it ends the run at the same job on any machine.
+        """
+        if self._threads.n == 1 or (self.limit is not None and self.limit.max_env_steps is not None):
+            return [job(self) for job in jobs]
+        single = KernelBackend(self.spec, 1, self.ledger)
+        with quick_switches():
+            return self._threads.each([partial(job, single) for job in jobs])
+
+    def close(self) -> None:
+        """Release the threads."""
+        self._threads.close()
+
+
+class KernelSampler:
+    """One endless stream of episodes for each of `R` soft trees, side by side on threads; see `Sampler`.
+
+    Args:
+        spec: An environment that has a kernel.
+        threads: Where streams run.
+        ledger: Where steps are counted.
+        rngs: [R] each stream's own source of randomness.
+    """
+
+    def __init__(
+        self,
+        spec: EnvironmentSpec,
+        threads: Threads,
+        ledger: Ledger,
+        rngs: Sequence[np.random.Generator],
+    ) -> None:
+        self._n_features = spec.n_features
+        self._threads = threads
+        self._ledger = ledger
+        dynamics = DYNAMICS[spec.id]
+        # As many groups for each thread, where that makes none of them too thin to be quick.
+        n_groups = ceil(len(rngs) / (SoftStreams.WIDTH * threads.n)) * threads.n
+        self._ranges = _ranges(len(rngs), min(n_groups, len(rngs)))
+        self._groups = [
+            SoftStreams(dynamics.index, dynamics.starts, spec.max_episode_steps, rngs[slice(*trees)])
+            for trees in self._ranges
+        ]
+
+    def sample(self, soft: SoftForest, n_steps: int, purpose: str) -> Samples:
+        """Take the next `n_steps` steps of each stream; see `Sampler`."""
+        n_trees = self._ranges[-1][1]
+        check_soft_forest(soft, n_trees)
+        samples = Samples.empty(n_trees, n_steps, self._n_features)
+        for first, last in _ranges(n_steps, ceil(n_trees * n_steps / _CHUNK_STEPS)):
+            self._ledger.check()
+            self._threads.each(
+                [
+                    partial(group.fill, soft, trees[0], samples, first, last)
+                    for group, trees in zip(self._groups, self._ranges, strict=True)
+                ]
+            )
+            self._ledger.count(purpose, n_trees * (last - first))
+        return samples
+
+
+def has_kernel(spec: EnvironmentSpec) -> bool:
+    """Tell whether there is a kernel of the environment just as it is; any limit of its episodes will do."""
+    return spec.id in DYNAMICS and not spec.names.kwargs and not spec.names.wrappers
+
+
+def _ranges(n: int, n_parts: int) -> list[tuple[int, int]]:
+    """Return the ranges that divide `n` items into parts of nearly equal length, none of them empty."""
+    edges = np.linspace(0, n, n_parts + 1).astype(int).tolist()
+    return [(first, last) for first, last in pairwise(edges) if first < last]
+
+
+def _probe(spec: EnvironmentSpec, dynamics: Dynamics) -> Forest:
+    """Return small random trees whose thresholds lie among what first observations give."""
+    rng = np.random.default_rng(0)
+    first = OBSERVATION // LANES
+    seen = dynamics.starts(np.arange(_PROBE_TREES))[:, first : first + spec.n_features]
+
+    def grow(depth: int) -> DecisionTree:
+        if depth == 0:
+            return DecisionTree.leaf(int(rng.integers(spec.n_actions)))
+        feature = int(rng.integers(spec.n_features))
+        threshold = float(rng.choice(seen[:, feature]))
+        return DecisionTree.split(feature, threshold, grow(depth - 1), grow(depth - 1))
+
+    return Forest.stack([grow(2) for _ in range(_PROBE_TREES)])
