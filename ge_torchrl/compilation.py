@@ -47,12 +47,26 @@ def compiled(function: _Function) -> _Function:
     No fast-math: the same operation must give the same bits in every lane and on every thread (law 6). Division
     follows NumPy (no exception), without which LLVM does not vectorise.
     """
+    return _compiled(function, forceinline=False)
+
+
+def inlined(function: _Function) -> _Function:
+    """Compile a function into each of its callers, as `compiled` does it.
+
+    A call counts the references to every array that it takes, atomically. In an inner loop that costs more than the
+    work of a small function.
+    """
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: _Function, *, forceinline: bool) -> _Function:
     # The settings of numba are a module's attributes, which its type information does not list.
     settings: Any = config
     previous = settings.CACHE_DIR
     settings.CACHE_DIR = str(cache_directory())
     try:
-        dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        decorate = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=forceinline)
+        dispatcher: Any = decorate(function)
     finally:
         settings.CACHE_DIR = previous
     return cast("_Function", dispatcher)

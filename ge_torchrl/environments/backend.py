@@ -9,16 +9,14 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
+from typing import Literal, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.spec import EnvironmentSpec
-
-if TYPE_CHECKING:
-    from ge_torchrl.trees.forest import Forest
-    from ge_torchrl.trees.tree import DecisionTree
+from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
 
 _Result = TypeVar("_Result")
 
@@ -200,8 +198,9 @@ class Ledger:
 
     def count(self, purpose: str, n_steps: int) -> None:
         """Add steps that were made."""
-        with self._lock:
-            self.steps[purpose] += n_steps
+        if n_steps > 0:
+            with self._lock:
+                self.steps[purpose] += n_steps
         self.beat()
 
     def beat(self) -> None:

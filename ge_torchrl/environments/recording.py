@@ -54,12 +54,12 @@ class Recording(NamedTuple):
 @compiled
 def _decide(rows: NDArray[np.float64], forest: ForestArrays, tree: int) -> int:
     split_start, leaf_start = forest.split_start[tree], forest.leaf_start[tree]
-    node = np.int64(0 if forest.split_start[tree + 1] > split_start else -1)
+    node = 0 if forest.split_start[tree + 1] > split_start else -1
     while node >= 0:
         row = split_start + node
         is_left = goes_left(rows, 0, forest, row)
-        node = np.int64(forest.children_left[row] if is_left else forest.children_right[row])
-    return np.int64(forest.action[leaf_start + ~node])
+        node = int(forest.children_left[row] if is_left else forest.children_right[row])
+    return int(forest.action[leaf_start + ~node])
 
 
 @compiled

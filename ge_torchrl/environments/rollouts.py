@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.compilation import compiled
+from ge_torchrl.compilation import compiled, inlined
 from ge_torchrl.environments.dynamics import (
     ACTION,
     LANE_ROWS,
@@ -30,27 +30,11 @@ SELECT_MIN_EPISODES = 24
 _WALKS, _SELECTS, _WALKS_OVER_SUMS = 0, 1, 2
 
 
-class Work(NamedTuple):
-    """What is to be run, and where its results go.
+class _Work(NamedTuple):
+    """What is to be run, and where its results go; see `run_forest`."""
 
-    Attributes:
-        dynamics: Branch of `advance`.
-        max_episode_steps: Truncation.
-        starts: [E, START_ROWS], the episodes' first states and observations.
-        first_tree: First tree to run.
-        last_tree: One past the last tree to run.
-        first_episode: First episode to run of each tree.
-        last_episode: One past the last episode to run.
-        returns: [P, E] float64, written; rows of individuals without a tree stay as they are.
-        lengths: [P, E] int64, written likewise.
-        leaf_visits: [L] int64, increased by the visits of each leaf, or [0] to count none.
-    """
-
-    dynamics: int
     max_episode_steps: int
     starts: NDArray[np.float64]
-    first_tree: int
-    last_tree: int
     first_episode: int
     last_episode: int
     returns: NDArray[np.float64]
@@ -82,7 +66,7 @@ class _Lanes(NamedTuple):
     leaf_start: NDArray[np.int64]
 
 
-@compiled
+@inlined
 def _decide_by_selects(
     rows: NDArray[np.float64], values: NDArray[np.float64], forest: ForestArrays, tree: int
 ) -> None:
@@ -111,7 +95,7 @@ def _decide_by_selects(
         rows[np.uint64(ACTION) + i] = values[i]
 
 
-@compiled
+@inlined
 def _look_up_actions(
     rows: NDArray[np.float64], forest: ForestArrays, tree: int, leaf_visits: NDArray[np.int64], n: int
 ) -> None:
@@ -122,7 +106,7 @@ def _look_up_actions(
         rows[ACTION + i] = forest.action[leaf]
 
 
-@compiled
+@inlined
 def _decide_by_walks(lanes: _Lanes, forest: ForestArrays, leaf_visits: NDArray[np.int64], n: int) -> None:
     """Set every lane's ACTION by walking the lane's own tree; all trees are axis-aligned."""
     counting = len(leaf_visits) > 0
@@ -140,16 +124,16 @@ def _decide_by_walks(lanes: _Lanes, forest: ForestArrays, leaf_visits: NDArray[n
         lanes.rows[ACTION + i] = forest.action[leaf]
 
 
-@compiled
+@inlined
 def goes_left(rows: NDArray[np.float64], lane: int, forest: ForestArrays, row: int) -> bool:
     """Tell whether a lane's weighted sum, in float64 and in the order of its terms, is below the threshold."""
     total = 0.0
     for term in range(forest.term_start[row], forest.term_start[row + 1]):
         total += np.float64(forest.weight[term]) * rows[OBSERVATION + forest.feature[term] * LANES + lane]
-    return total < np.float64(forest.threshold[row])
+    return bool(total < forest.threshold[row])
 
 
-@compiled
+@inlined
 def _decide_by_sums(lanes: _Lanes, forest: ForestArrays, leaf_visits: NDArray[np.int64], n: int) -> None:
     """Set every lane's ACTION by walking the lane's own tree, whose splits may be weighted sums."""
     counting = len(leaf_visits) > 0
@@ -177,7 +161,7 @@ def are_axis_aligned(forest: ForestArrays, first_split: int, last_split: int) ->
     return all_ones
 
 
-@compiled
+@inlined
 def _next_tree(forest: ForestArrays, tree: int, last_tree: int) -> int:
     """Return the first individual from `tree` on that has a tree, `last_tree` if none has."""
     while tree < last_tree and forest.leaf_start[tree + 1] == forest.leaf_start[tree]:
@@ -185,9 +169,9 @@ def _next_tree(forest: ForestArrays, tree: int, last_tree: int) -> int:
     return tree
 
 
-@compiled
+@inlined
 def _start_episode(
-    lanes: _Lanes, i: int, work: Work, forest: ForestArrays, tree: int, episode: int, last_tree: int
+    lanes: _Lanes, i: int, work: _Work, forest: ForestArrays, tree: int, episode: int, last_tree: int
 ) -> tuple[int, int]:
     """Begin an episode of a tree in lane `i`; return the tree and the episode that come next."""
     lanes.tree[i] = tree
@@ -204,7 +188,7 @@ def _start_episode(
     return _next_tree(forest, tree + 1, last_tree), work.first_episode
 
 
-@compiled
+@inlined
 def _count_step(lanes: _Lanes, max_episode_steps: int, n: int) -> int:
     """Add the step's reward and length to each lane; return how many lanes ended."""
     n_ended = 0
@@ -215,7 +199,7 @@ def _count_step(lanes: _Lanes, max_episode_steps: int, n: int) -> int:
     return n_ended
 
 
-@compiled
+@inlined
 def _move_lane(lanes: _Lanes, source: int, target: int) -> None:
     for row in range(LANE_ROWS):
         lanes.rows[row * LANES + target] = lanes.rows[row * LANES + source]
@@ -241,8 +225,10 @@ def _leaf_values(forest: ForestArrays, tree: int, as_numbers: bool) -> NDArray[n
 
 
 @compiled
-def _run_trees(work: Work, forest: ForestArrays, first_tree: int, last_tree: int, way: int) -> None:
-    """Run the episodes of trees `first_tree` to `last_tree - 1`; by selects that is one tree.
+def _run_trees(
+    dynamics: int, work: _Work, forest: ForestArrays, first_tree: int, last_tree: int, way: int
+) -> int:
+    """Run the episodes of trees `first_tree` to `last_tree - 1`, by selects one tree; return the number of steps.
 
     A lane that ends takes the next episode; when none is left the last running lane moves into its place.
     """
@@ -259,6 +245,7 @@ def _run_trees(work: Work, forest: ForestArrays, first_tree: int, last_tree: int
     counting = len(work.leaf_visits) > 0
     values = _leaf_values(forest, first_tree, counting) if way == _SELECTS else np.zeros(0)
     tree, episode, n = _next_tree(forest, first_tree, last_tree), work.first_episode, 0
+    n_steps = 0
     while n < LANES and tree < last_tree:
         tree, episode = _start_episode(lanes, n, work, forest, tree, episode, last_tree)
         n += 1
@@ -271,7 +258,8 @@ def _run_trees(work: Work, forest: ForestArrays, first_tree: int, last_tree: int
             _decide_by_walks(lanes, forest, work.leaf_visits, n)
         else:
             _decide_by_sums(lanes, forest, work.leaf_visits, n)
-        advance(work.dynamics, lanes.rows, n)
+        advance(dynamics, lanes.rows, n)
+        n_steps += n
         if _count_step(lanes, work.max_episode_steps, n) == 0:
             continue
         for i in range(n - 1, -1, -1):
@@ -283,23 +271,50 @@ def _run_trees(work: Work, forest: ForestArrays, first_tree: int, last_tree: int
                 else:
                     n -= 1
                     _move_lane(lanes, n, i)
+    return n_steps
 
 
 @compiled
-def run_forest(forest: ForestArrays, work: Work) -> None:
-    """Run the episodes of some trees, filling their rows of `returns` and `lengths`.
+def run_forest(
+    forest: ForestArrays,
+    dynamics: int,
+    max_episode_steps: int,
+    starts: NDArray[np.float64],
+    first_tree: int,
+    last_tree: int,
+    first_episode: int,
+    last_episode: int,
+    returns: NDArray[np.float64],
+    lengths: NDArray[np.int64],
+    leaf_visits: NDArray[np.int64],
+) -> int:
+    """Run some episodes of some trees, filling their places in `returns` and `lengths`.
 
     Args:
         forest: The trees, whose leaves hold actions; an individual without a tree is passed over.
-        work: What is to be run, and where results go.
+        dynamics: Branch of `advance`.
+        max_episode_steps: Truncation.
+        starts: [E, START_ROWS], the episodes' first states and observations.
+        first_tree: First tree to run.
+        last_tree: One past the last tree to run.
+        first_episode: First episode to run of each tree.
+        last_episode: One past the last episode to run.
+        returns: [P, E] float64, written; rows of individuals without a tree stay as they are.
+        lengths: [P, E] int64, written likewise.
+        leaf_visits: [L] int64, increased by the visits of each leaf, or [0] to count none.
+
+    Returns:
+        The number of steps.
     """
-    first, last = work.first_tree, work.last_tree
-    if work.last_episode - work.first_episode < SELECT_MIN_EPISODES:
+    # Arrays one by one: a record costs each call from Python three times as long.
+    work = _Work(max_episode_steps, starts, first_episode, last_episode, returns, lengths, leaf_visits)
+    if last_episode - first_episode < SELECT_MIN_EPISODES:
         # Terms are numbered as splits are only where all trees in front are axis-aligned as well.
-        aligned = are_axis_aligned(forest, 0, forest.split_start[last])
-        _run_trees(work, forest, first, last, _WALKS if aligned else _WALKS_OVER_SUMS)
-        return
-    for tree in range(first, last):
+        aligned = are_axis_aligned(forest, 0, forest.split_start[last_tree])
+        way = _WALKS if aligned else _WALKS_OVER_SUMS
+        return _run_trees(dynamics, work, forest, first_tree, last_tree, way)
+    n_steps = 0
+    for tree in range(first_tree, last_tree):
         first_split, last_split = forest.split_start[tree], forest.split_start[tree + 1]
         if not are_axis_aligned(forest, first_split, last_split):
             way = _WALKS_OVER_SUMS
@@ -309,4 +324,5 @@ def run_forest(forest: ForestArrays, work: Work) -> None:
             way = _WALKS
         else:
             way = _WALKS_OVER_SUMS
-        _run_trees(work, forest, tree, tree + 1, way)
+        n_steps += _run_trees(dynamics, work, forest, tree, tree + 1, way)
+    return n_steps

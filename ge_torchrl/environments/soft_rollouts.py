@@ -62,7 +62,7 @@ def _draw_action(
     """Draw a path from the root, then an action from the leaf."""
     node = 0 if soft.feature.shape[1] > 0 else -1
     while node >= 0:
-        left, right = np.int64(soft.children_left[tree, node]), np.int64(soft.children_right[tree, node])
+        left, right = int(soft.children_left[tree, node]), int(soft.children_right[tree, node])
         if left == right:
             # A row of padding stands where a tree has no split: nothing is drawn, as if it were not there.
             node = left
@@ -195,8 +195,8 @@ class SoftStreams:
         for lane, rng in enumerate(rngs):
             seed_generator(int(rng.integers(2**62)), self._streams.generator[lane])
 
-    def fill(self, soft: SoftForest, first_tree: int, samples: Samples, first: int, last: int) -> None:
-        """Write the next steps of the streams.
+    def fill(self, soft: SoftForest, first_tree: int, samples: Samples, first: int, last: int) -> int:
+        """Write the next steps of the streams; return 0, since the caller counts them.
 
         Args:
             soft: The soft trees [R] that act, those from `first_tree` on by these streams.
@@ -218,6 +218,7 @@ class SoftStreams:
                 t,
                 last,
             )
+        return 0
 
     def _draw_starts(self) -> None:
         """Fill up the episodes to come, in whole blocks: a stream's seeds do not depend on when that is."""

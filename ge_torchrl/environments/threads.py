@@ -1,107 +1,137 @@
-"""Kernels on threads: short tasks in their order, with the limit held and a sign of life between them."""
+"""Kernels on threads: tasks in their order, with the limit held and a sign of life between them."""
 
 from __future__ import annotations
 
 import sys
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
 
-from ge_torchrl.environments.backend import Ledger
+from ge_torchrl.environments.backend import Ledger, Limit
 
-_Result = TypeVar("_Result")
-
-# How long the calling thread waits before it gives a sign of life [s].
+# How long the calling thread waits for others before it gives a sign of life [s].
 _PATIENCE = 0.25
+# Waking a thread costs as long as some thousands of steps.
+_STEPS_WORTH_THREADS = 20_000
 
 
 @dataclass(frozen=True)
 class Task:
-    """A short piece of work.
+    """A piece of work.
 
     Attributes:
-        run: Does it and returns the number of environment steps.
+        run: Does it and returns the number of environment steps that are still to be counted.
         most_steps: How many these are at most.
     """
 
     run: Callable[[], int]
-    most_steps: int
+    most_steps: int = 0
 
 
 class Threads:
-    """Runs work side by side.
+    """Runs tasks side by side: the calling thread and its helpers take them one after another.
 
     Args:
-        n: Number of threads, at least 1; with one, work is done in the calling thread.
+        n: Number of threads, at least 1, with the calling one.
         ledger: Where steps are counted.
     """
 
     def __init__(self, n: int, ledger: Ledger) -> None:
         self.n = n
         self._ledger = ledger
-        self._pool = ThreadPoolExecutor(n) if n > 1 else None
+        self._pool = ThreadPoolExecutor(n - 1) if n > 1 else None
 
-    def run(self, tasks: Iterable[Task], purpose: str) -> None:
+    def run(self, tasks: Iterable[Task], purpose: str, most_steps: float = float("inf")) -> None:
         """Run tasks and count their steps.
 
         A task begins where the tasks in front of it leave steps to make, however many threads there are: so the
-        ledger says the same when the limit ends the run.
+        ledger says the same when a limit of steps ends the run.
+
+        Args:
+            tasks: What is to be done.
+            purpose: Under which steps are counted.
+            most_steps: How many steps all tasks make at most; for few of them no helper is called.
 
         Raises:
             LimitReachedError: The limit was reached before the last task began.
         """
-        running: deque[tuple[Future[int], int]] = deque()
+        self._ledger.check()
+        shared = _Shared(tasks, purpose, self._ledger)
+        if self._pool is None or most_steps < _STEPS_WORTH_THREADS:
+            shared.work()
+        else:
+            helpers = [self._pool.submit(shared.work) for _ in range(self.n - 1)]
+            shared.work()
+            running = [helper for helper in helpers if not helper.cancel()]
+            with self._hurried(shared.error is not None):
+                while wait(running, _PATIENCE).not_done:
+                    self._ledger.beat()
+        if shared.error is not None:
+            raise shared.error
+
+    @contextmanager
+    def _hurried(self, hurry: bool) -> Iterator[None]:
+        """Let jobs of the helpers end at their next call of a backend, since nobody will read their results."""
+        limit = self._ledger.limit
+        if hurry:
+            self._ledger.limit = Limit(deadline=float("-inf"))
         try:
-            for task in tasks:
-                # Close to the limit a task waits until it is known how many steps were made.
-                while running and (
-                    len(running) >= 2 * self.n or sum(most for _, most in running) >= self._ledger.steps_left
-                ):
-                    self._collect(running, purpose)
-                self._ledger.check()
-                if self._pool is None:
-                    self._ledger.count(purpose, task.run())
-                else:
-                    running.append((self._pool.submit(task.run), task.most_steps))
-            while running:
-                self._collect(running, purpose)
-        except BaseException:
-            for future, _ in running:
-                if not future.cancel() and future.exception() is None:
-                    self._ledger.count(purpose, future.result())
-            raise
-
-    def _collect(self, running: deque[tuple[Future[int], int]], purpose: str) -> None:
-        future, _ = running.popleft()
-        self._ledger.count(purpose, self._result(future))
-
-    def _result(self, future: Future[_Result]) -> _Result:
-        while not wait([future], _PATIENCE).done:
-            self._ledger.beat()
-        return future.result()
-
-    def each(self, functions: Sequence[Callable[[], _Result]]) -> list[_Result]:
-        """Return the results of functions that count their own steps, or have none."""
-        if self._pool is None or len(functions) == 1:
-            return [function() for function in functions]
-        futures = [self._pool.submit(function) for function in functions]
-        try:
-            while wait(futures, _PATIENCE, FIRST_EXCEPTION).not_done:
-                if any(future.done() and future.exception() is not None for future in futures):
-                    break
-                self._ledger.beat()
-            return [self._result(future) for future in futures]
+            yield
         finally:
-            for future in futures:
-                future.cancel()
+            self._ledger.limit = limit
 
     def close(self) -> None:
         """Release the threads."""
         if self._pool is not None:
             self._pool.shutdown()
+
+
+class _Shared:
+    """Tasks that several threads take from.
+
+    Attributes:
+        error: What ended the work before its end.
+    """
+
+    def __init__(self, tasks: Iterable[Task], purpose: str, ledger: Ledger) -> None:
+        self._tasks = iter(tasks)
+        self._purpose = purpose
+        self._ledger = ledger
+        self._changed = threading.Condition()
+        self._most_running = 0
+        self.error: BaseException | None = None
+
+    def work(self) -> None:
+        """Take tasks and do them until there is none, or an error."""
+        while (task := self._take()) is not None:
+            n_steps = 0
+            try:
+                n_steps = task.run()
+            except BaseException as error:  # noqa: BLE001 - the calling thread raises it
+                self.error = self.error or error
+            with self._changed:
+                self._most_running -= task.most_steps
+                self._ledger.count(self._purpose, n_steps)
+                self._changed.notify_all()
+
+    def _take(self) -> Task | None:
+        with self._changed:
+            # Close to the limit a task waits until it is known how many steps the others made.
+            while 0 < self._most_running >= self._ledger.steps_left:
+                self._changed.wait()
+            if self.error is not None:
+                return None
+            task = next(self._tasks, None)
+            if task is not None:
+                try:
+                    self._ledger.check()
+                except Exception as error:  # noqa: BLE001
+                    self.error = error
+                    return None
+                self._most_running += task.most_steps
+            return task
 
 
 @contextmanager
