@@ -293,6 +293,11 @@ class Backend(Protocol):
         """Environment steps by purpose."""
         ...
 
+    @property
+    def bounds(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Bounds [D], [D] that every observation so far kept: trees may be simplified by them."""
+        ...
+
     def evaluate(
         self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
     ) -> Outcomes:

@@ -7,7 +7,7 @@ draws; constants are those of NumPy's `_bit_generator.pyx` and `pcg64.h`. Tests 
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.compilation import compiled
+from ge_torchrl.compilation import compiled, inlined
 
 _LOW_32 = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
@@ -22,7 +22,7 @@ _PCG_HIGH, _PCG_LOW = np.uint64(0x2360ED051FC65DA4), np.uint64(0x4385DF649FCCF64
 _TO_UNIT = 1.0 / 9007199254740992.0
 
 
-@compiled
+@inlined
 def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
     """Return the upper and the lower 64 bits of a product."""
     a_high, a_low = a >> _HALF, a & _LOW_32
@@ -33,7 +33,7 @@ def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
     return a_high * b_high + (middle >> _HALF) + (other >> _HALF), a * b
 
 
-@compiled
+@inlined
 def _step(state: NDArray[np.uint64]) -> None:
     """Multiply the state by PCG's constant and add the increment, modulo 2**128."""
     high, low = _product(state[1], _PCG_LOW)
@@ -43,7 +43,7 @@ def _step(state: NDArray[np.uint64]) -> None:
     state[1] = total
 
 
-@compiled
+@inlined
 def draw_uniform(state: NDArray[np.uint64]) -> float:
     """Draw a number in [0, 1) as `Generator.random` does.
 
@@ -57,7 +57,7 @@ def draw_uniform(state: NDArray[np.uint64]) -> float:
     return np.float64(bits >> np.uint64(11)) * _TO_UNIT
 
 
-@compiled
+@inlined
 def _finished(value: np.uint32, factor: np.uint32) -> np.uint32:
     value = np.uint32(value * factor)
     return np.uint32(value ^ (value >> _XSHIFT))

@@ -39,8 +39,8 @@ _Result = TypeVar("_Result")
 _NO_VISITS = np.zeros(0, np.int64)
 # More chunks than threads, so that a thread whose trees fall early finds other work.
 _CHUNKS_PER_THREAD = 4
-# A chunk takes a fraction of a second at most, and this part of the steps that a limit allows.
-_CHUNK_STEPS = 4_000_000
+# A chunk takes a tenth of a second at most, and this part of the steps that a limit allows.
+_CHUNK_STEPS = 1_000_000
 _CHUNK_PART = 0.05
 # Training episodes begun at a time while a tree is observed.
 _STARTS_PER_BLOCK = 32
@@ -85,6 +85,11 @@ class KernelBackend(Accountable):
             return steps / (time.perf_counter() - started)
         finally:
             backend.close()
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Bounds [D], [D] of observations, which a kernel keeps."""
+        return self.spec.low, self.spec.high
 
     def evaluate(
         self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.compilation import compiled
+from ge_torchrl.compilation import compiled, inlined
 from ge_torchrl.environments.backend import Samples, SoftForest
 from ge_torchrl.environments.draws import draw_uniform, seed_generator
 from ge_torchrl.environments.dynamics import (
@@ -55,7 +55,7 @@ class _Streams(NamedTuple):
     generator: NDArray[np.uint64]
 
 
-@compiled
+@inlined
 def _draw_action(
     soft: SoftForest, tree: int, rows: NDArray[np.float64], lane: int, generator: NDArray[np.uint64]
 ) -> int:
@@ -80,7 +80,7 @@ def _draw_action(
     return action
 
 
-@compiled
+@inlined
 def _begin_episodes(streams: _Streams, n: int) -> bool:
     """Begin the episodes that must begin; tell whether all could."""
     for lane in range(n):
