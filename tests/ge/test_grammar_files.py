@@ -1,3 +1,5 @@
+"""The grammars of the configuration: one with each environment, and those of the thesis."""
+
 from pathlib import Path
 
 import numpy as np
@@ -10,61 +12,64 @@ from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.ge.operators import random_population
 from ge_torchrl.ge.rule_tables import compile_rules
 
-FOLDER = Path(__file__).parents[2] / "conf" / "grammar"
-NAMES = {
-    "cartpole": ("x x_dot theta theta_dot", "left right"),
-    "acrobot": (
-        "cos_theta1 sin_theta1 cos_theta2 sin_theta2 omega1 omega2",
-        "torque_minus torque_zero torque_plus",
-    ),
-    "mountaincar": ("position velocity", "left none right"),
-    "lunarlander": (
-        "x y x_dot y_dot theta theta_dot left_leg right_leg",
-        "none left_engine main_engine right_engine",
-    ),
-}
-THESIS = [f"thesis/{environment}" for environment in ("cartpole", "acrobot", "mountaincar")]
-FILES = [*NAMES, *THESIS, "lunarlander_one_range"]
+FOLDER = Path(__file__).parents[2] / "conf"
+ENVIRONMENTS = ["acrobot", "cartpole", "lunarlander", "mountaincar"]
+THESIS = ["acrobot", "cartpole", "mountaincar"]
 
 
-def grammar_of(file):
-    environment = file.removeprefix("thesis/").removesuffix("_one_range")
-    features, actions = NAMES[environment]
-    return read_grammar(OmegaConf.load(FOLDER / f"{file}.yaml").bnf, features.split(), actions.split())
+def grammar_of(environment, section=None):
+    """Read a grammar with the names of its environment: the environment's own, or that of a section."""
+    whole = OmegaConf.load(FOLDER / f"env/{environment}.yaml")
+    return read_grammar((section or whole.grammar).bnf, whole.env.features, whole.env.actions)
 
 
-def test_the_folder_holds_these_files():
-    found = [path.relative_to(FOLDER).with_suffix("").as_posix() for path in FOLDER.rglob("*.yaml")]
-    assert sorted(found) == sorted(FILES)
+def thesis(environment):
+    return OmegaConf.load(FOLDER / f"grammar/thesis/{environment}.yaml")
 
 
-@pytest.mark.parametrize("file", FILES)
-def test_a_file_names_itself_and_offers_constants_with_every_feature(file):
-    text = (FOLDER / f"{file}.yaml").read_text()
-    assert text.startswith("# Decision trees for ")
-    # The thesis' name stays as it was when there was no other.
-    name = f"{file}_per_feature" if file in NAMES else file.removeprefix("thesis/")
-    assert OmegaConf.create(text).name == name
-    for offered in grammar_of(file).constants:
-        (constants,) = offered
+GRAMMARS = [grammar_of(environment) for environment in ENVIRONMENTS]
+GRAMMARS += [grammar_of(environment, thesis(environment)) for environment in THESIS]
+
+
+def test_these_files_have_a_grammar():
+    with_grammar = [path.stem for path in (FOLDER / "env").glob("*.yaml") if "bnf:" in path.read_text()]
+    assert sorted(with_grammar) == ENVIRONMENTS
+    files = (FOLDER / "grammar").rglob("*.yaml")
+    assert sorted(path.relative_to(FOLDER / "grammar").as_posix() for path in files) == [
+        f"thesis/{name}.yaml" for name in THESIS
+    ]
+
+
+def test_a_grammar_names_itself():
+    for environment in ENVIRONMENTS:
+        own = OmegaConf.load(FOLDER / f"env/{environment}.yaml").grammar
+        assert own.name == f"{environment}_per_feature"
+    for environment in THESIS:
+        # The thesis' name stays as it was when there was no other.
+        assert thesis(environment).name == environment
+
+
+@pytest.mark.parametrize("grammar", GRAMMARS)
+def test_a_grammar_offers_constants_with_every_feature(grammar):
+    for (constants,) in grammar.constants:
         # Zero, or the one value between no contact and contact of a leg, is the threshold that physics suggests.
         assert constants.find(0.0) is not None or constants.value(0) == 0.5
 
 
 @pytest.mark.parametrize(
-    ("file", "n_constants", "low", "high"),
+    ("environment", "n_constants", "low", "high"),
     [("cartpole", 1921, -4.8, 4.8), ("acrobot", 56541, -28.27, 28.27), ("mountaincar", 361, -1.2, 0.6)],
 )
-def test_the_ranges_of_the_thesis(file, n_constants, low, high):
-    for (constants,) in grammar_of(f"thesis/{file}").constants:
+def test_the_ranges_of_the_thesis(environment, n_constants, low, high):
+    for (constants,) in grammar_of(environment, thesis(environment)).constants:
         assert constants.count == n_constants
         assert constants.value(0) == np.float32(low)
         assert constants.value(n_constants - 1) == np.float32(high)
 
 
-@pytest.mark.parametrize("file", FILES)
-def test_mapped_trees_come_back_from_foreign_genotypes(file):
-    tables = compile_rules(grammar_of(file))
+@pytest.mark.parametrize("grammar", GRAMMARS)
+def test_mapped_trees_come_back_from_foreign_genotypes(grammar):
+    tables = compile_rules(grammar)
     codons = random_population(20, 100, np.random.default_rng(0))
     forest = map_population(codons, tables)
     assert forest.valid.sum() >= 10
