@@ -1,4 +1,4 @@
-"""The command line, and the only file that knows Hydra: compose -> frozen `Config` -> `experiment.run`.
+"""The command line, and the only file that knows Hydra: compose -> frozen `Config` -> `run`.
 
 Whatever the user mistyped is found by composing every job of the command line in advance, so it is told in
 one line before Hydra makes a folder.
@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -28,8 +29,10 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
-from ge_torchrl.commands import FAULT, INTERRUPTED, OK, USER_ERROR, evaluate, report
-from ge_torchrl.config import Config, check_key, template
+from ge_torchrl.cli import VERBS
+from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output
+from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR
+from ge_torchrl.config import Config, check_group, check_key, template
 from ge_torchrl.errors import ConfigError, UserError
 
 _LONGEST_NAME = 160
@@ -43,19 +46,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv`, by default that of the process, and return its exit status.
 
     The status is 0 for success, 2 where the user can mend it, 1 for a fault of the program, 130 after an
-    interrupt.
+    interrupt, 141 where nobody reads the output any more.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
+    prepare_output()
     try:
-        if arguments[:1] == ["evaluate"]:
-            return evaluate(arguments[1:])
-        if arguments[:1] == ["report"]:
-            return report(arguments[1:])
-        return _run(arguments)
+        verb = VERBS.get(arguments[0]) if arguments else None
+        status = verb(arguments[1:]) if verb else _run(arguments)
+        sys.stdout.flush()
     except UserError as error:
-        return _report(error)
+        status = _report(error)
     except KeyboardInterrupt:
-        return INTERRUPTED
+        status = INTERRUPTED
+    except BrokenPipeError:
+        if not is_output_closed():
+            raise
+        status = OUTPUT_CLOSED
+    return status
 
 
 def _run(arguments: list[str]) -> int:
@@ -63,7 +70,8 @@ def _run(arguments: list[str]) -> int:
         print(f"ge_torchrl {__version__}")
         return OK
     _prepare_hydra()
-    _check(arguments)
+    options = _parse(arguments)
+    _check(options)
     statuses: list[int] = []
     process = os.getpid()
 
@@ -73,7 +81,12 @@ def _run(arguments: list[str]) -> int:
         if status != OK and os.getpid() != process:
             # A launcher's own process cannot reach the list above; Hydra carries the error over at the end.
             raise _JobFailedError(status)
+        if status == OUTPUT_CLOSED:
+            raise SystemExit(status)  # Nobody would read of the other jobs either.
 
+    if options.cfg == "job":
+        # A value that follows from others is shown as what it is, not as how it follows.
+        arguments = ["--resolve", *arguments]
     launch = hydra.main(version_base=_VERSION_BASE, config_path=str(_CONF), config_name="config")(job)
     with _command_line(arguments), _in_our_words():
         try:
@@ -82,7 +95,8 @@ def _run(arguments: list[str]) -> int:
             statuses.append(failed.status)
         except SystemExit as leaving:
             # Hydra leaves so after --help and the like, and after messages of its own.
-            statuses.append(USER_ERROR if leaving.code else OK)
+            if leaving.code != OUTPUT_CLOSED:
+                statuses.append(USER_ERROR if leaving.code else OK)
     return FAULT if FAULT in statuses else max(statuses, default=OK)
 
 
@@ -96,18 +110,21 @@ class _JobFailedError(Exception):
 
 def _job(values: DictConfig) -> int:
     """Run one job and return its status; a failure is told here, so the other jobs of a sweep go on."""
+    prepare_output()  # A launcher's own process has not been through main.
     try:
         config = _config_from(values)
         context = HydraConfig.get()
         if "joblib" in str(context.launcher.get("_target_")) and config.evaluation.threads == 0:
             # Jobs side by side share the cores: one thread each. Results do not depend on it.
             config = replace(config, evaluation=replace(config.evaluation, threads=1))
-        from ge_torchrl import experiment
+        from ge_torchrl.run import run
 
-        summary = experiment.run(config, Path(context.runtime.output_dir))
-    except UserError as error:
-        return _report(error)
-    except Exception:  # noqa: BLE001 - the traceback is shown and the exit status tells.
+        summary = run(config, Path(context.runtime.output_dir), open_console())
+    except Exception as error:  # noqa: BLE001 - it is told and the exit status tells.
+        if is_output_closed():
+            return OUTPUT_CLOSED  # Whatever else went wrong followed from it.
+        if isinstance(error, UserError):
+            return _report(error)
         traceback.print_exc()
         return FAULT
     if summary.stopped_by == "interrupt" and context.mode == RunMode.MULTIRUN:
@@ -116,9 +133,8 @@ def _job(values: DictConfig) -> int:
     return OK
 
 
-def _check(arguments: list[str]) -> None:
+def _check(options: argparse.Namespace) -> None:
     """Compose and validate every job of the command line; nothing is written."""
-    options = _parse(arguments)
     if options.shell_completion or options.hydra_help:
         return
     conf = _PACKAGE / (options.config_path or _CONF)
@@ -135,11 +151,11 @@ def _check(arguments: list[str]) -> None:
         ]
     if options.cfg or options.help or options.info:
         return
-    from ge_torchrl import experiment
+    from ge_torchrl.run.plan import plan
 
     # The jobs of a sweep mostly share environment and grammar, which are made real once.
     for config in {(config.env, config.grammar, config.ge): config for config in configs}.values():
-        experiment.plan(config)
+        plan(config)
 
 
 def _searched(config_dir: str | None) -> list[str]:
@@ -158,6 +174,8 @@ def _check_override(override: Override, *, sweep: bool) -> None:
     if override.is_sweep_override() and not sweep:
         raise ConfigError(f"{key} must be one value; got {override.input_line}; for a run of each, add -m")
     names_a_file = override.is_sweep_override() or override.is_delete() or isinstance(override.value(), str)
+    if names_a_file:
+        check_group(key)
     if (choices := _choices(key)) and not names_a_file:
         raise ConfigError(f"{key} must be one of {', '.join(choices)}; got {override.get_value_string()}")
     # The other keys are Hydra's own, and its choices of files (group=choice, group/sub=choice,
@@ -169,7 +187,8 @@ def _check_override(override: Override, *, sweep: bool) -> None:
 def _choices(group: str) -> list[str]:
     """Return what a group of conf/ offers, `thesis/cartpole` for a file in a subfolder."""
     folder = _CONF / group
-    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.yaml"))
+    paths = (path for path in folder.rglob("*.yaml") if not path.name.startswith("_"))
+    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
 
 
 def _jobs(overrides: Sequence[Override]) -> Iterable[tuple[str, ...]]:
@@ -187,6 +206,11 @@ def _config_from(values: DictConfig) -> Config:
     plain = OmegaConf.to_container(values, resolve=True)
     if not isinstance(plain, dict):
         raise ConfigError(f"the configuration must be keys with values; got {type(plain).__name__}")
+    if isinstance(env := plain.get("env"), dict) and {"env", "grammar"} & set(env):
+        raise ConfigError(
+            "a file of env with the sections env and grammar must begin with the line '# @package _global_'; got one "
+            "that does not"
+        )
     return Config.from_mapping({str(key): value for key, value in plain.items()})
 
 
@@ -196,16 +220,23 @@ def _prepare_hydra() -> None:
     def unique_token() -> str:
         return secrets.token_hex(4)
 
-    # A plain mapping, not the records as a typed schema: then one place, config.py, judges types and words
-    # the errors.
+    # A plain mapping, not the records as a typed schema: then one place, config/, judges types and words the errors.
     ConfigStore.instance().store(name="template", node=template())
     OmegaConf.register_new_resolver("unique_token", unique_token, use_cache=True, replace=True)
     OmegaConf.register_new_resolver("shortened", _shortened, replace=True)
+    OmegaConf.register_new_resolver("thesis", _of_the_thesis, replace=True)
 
 
 def _shortened(name: str) -> str:
     """Cut the name of a job's folder; its number keeps it apart from others, and config.yaml tells the rest."""
     return name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..."
+
+
+def _of_the_thesis(cartpole: Any, acrobot: Any, mountaincar: Any, *, _root_: DictConfig) -> Any:
+    """Choose among the values of the thesis' three environments; any other environment takes the first."""
+    values = {"Acrobot-v1": acrobot, "MountainCar-v0": mountaincar}
+    value = values.get(OmegaConf.select(_root_, "env.id"), cartpole)
+    return OmegaConf.create(value) if isinstance(value, list) else value
 
 
 @contextmanager
@@ -229,13 +260,16 @@ def _in_our_words() -> Iterator[None]:
     """Turn what Hydra and the file system have to say into one line."""
     try:
         yield
+    except BrokenPipeError:
+        raise
     except MissingConfigException as error:
         group, _, choice = (error.missing_cfg_file or "").partition("/")
         if group == "hydra":
             group, _, choice = (error.missing_cfg_file or "").rpartition("/")
         if not choice:
             raise ConfigError(_one_line(error)) from error
-        choices = ", ".join(sorted({*_choices(group), *(error.options or ())}))
+        offered = [option for option in error.options or () if not option.startswith("_")]
+        choices = ", ".join(sorted({*_choices(group), *offered}))
         raise ConfigError(f"{group}={choice} is unknown; expected one of {choices}; got {choice}") from error
     except OverrideParseException as error:
         raise ConfigError(f"expected key=value, such as seed=3; got {error.override!r}") from error

@@ -6,7 +6,7 @@ import pytest
 from fake_experiment_for_tests import FakeExperiment
 from hypothesis import settings
 
-import ge_torchrl
+import ge_torchrl.report
 
 # The first example that meets a kernel waits for its compilation: no example may have a deadline. The same examples
 # every time keep a failure from coming and going.
@@ -16,11 +16,10 @@ settings.load_profile("compiled")
 
 @pytest.fixture
 def experiment(tmp_path, monkeypatch):
-    """Stand in for the experiment and the evaluation, in an empty working directory."""
+    """Stand in for running and evaluating, in an empty working directory."""
     fake = FakeExperiment()
-    monkeypatch.setitem(sys.modules, "ge_torchrl.experiment", fake)
-    monkeypatch.setitem(sys.modules, "ge_torchrl.evaluation", fake)
-    monkeypatch.setattr(ge_torchrl, "experiment", fake, raising=False)
-    monkeypatch.setattr(ge_torchrl, "evaluation", fake, raising=False)
+    for name in ("run", "run.plan", "report.evaluation"):
+        monkeypatch.setitem(sys.modules, f"ge_torchrl.{name}", fake)
+    monkeypatch.setattr(ge_torchrl.report, "evaluation", fake, raising=False)
     monkeypatch.chdir(tmp_path)
     return fake

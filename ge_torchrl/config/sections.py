@@ -68,8 +68,8 @@ class GrammarConfig(Section):
 
     SECTION: ClassVar[str] = "grammar"
 
-    name: str = setting(doc="What reports call it.", text="the name of the grammar")
     bnf: str = setting(doc="Its rules in Backus-Naur form.", text="rules in Backus-Naur form")
+    name: str = setting("own", doc="What reports call it.", text="the name of the grammar")
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,16 @@ from ge_torchrl.errors import ArtefactError, EnvironmentFaultError
 
 
 class FakeExperiment(types.ModuleType):
-    """Stands in for the experiment and the evaluation: remembers what was asked, and fails where told to."""
+    """Stands in for running and evaluating: remembers what was asked, and fails where told to."""
 
     def __init__(self):
-        super().__init__("ge_torchrl.experiment")
+        super().__init__("ge_torchrl.run")
         self.runs: list[tuple[Config, Path]] = []
         self.evaluated: list[tuple[object, ...]] = []
         self.failures: dict[int, BaseException] = {}
         self.interrupted: set[int] = set()
 
-    def run(self, config, output_dir):
+    def run(self, config, output_dir, console):
         self.runs.append((config, output_dir))
         if config.seed in self.failures:
             raise self.failures[config.seed]

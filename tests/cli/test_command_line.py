@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -35,7 +36,7 @@ def test_sweep_runs_all_combinations_in_folders_that_name_them(experiment):
 def test_the_name_of_a_job_with_many_overrides_is_cut(experiment):
     many = [
         f"refiner.ppo.{key}=0.001"
-        for key in ("lr_actor", "lr_critic", "lr_thresholds", "leaf_sd", "clip_epsilon")
+        for key in ("lr_actor", "lr_critic", "gae_lambda", "leaf_sd", "clip_epsilon")
     ]
     many += ["refiner.ppo.update_timesteps=1000", "evaluation.validation_episodes=50", "ge.generations=3"]
     assert main(["-m", "seed=0,1", *many]) == 0
@@ -55,13 +56,36 @@ def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experim
     [
         (
             ["env=foo"],
-            "env=foo is unknown; expected one of acrobot, cartpole, lunarlander, mountaincar; got foo",
+            "env=foo is unknown; expected one of acrobot, cartpole, default, lunarlander, mountaincar; got foo",
         ),
         (["experiment=foo"], "experiment=foo is unknown; expected one of thesis/acrobot, thesis/cartpole, "),
         (["experiment=thesis/foo"], "experiment=thesis/foo is unknown; expected one of thesis/acrobot, "),
         (["hydra/launcher=foo"], "hydra/launcher=foo is unknown; expected one of basic"),
-        (["ge=5"], "ge must be one of acrobot, cartpole, lunarlander, mountaincar; got 5"),
-        (["ge=null"], "ge must be one of acrobot, cartpole, lunarlander, mountaincar; got null"),
+        (["env=5"], "env must be one of acrobot, cartpole, default, lunarlander, mountaincar; got 5"),
+        (["polish=null"], "polish must be one of local, none; got null"),
+        (["ge=null"], "ge must be a section with keys and values; got None"),
+        (["ge=mountaincar"], "ge is no choice of files any more; expected env=NAME, which brings its"),
+        (["hall_of_fame=none"], "hall_of_fame is no choice of files any more; expected archive=explored or"),
+        (
+            ["-m", "evaluation=cartpole,acrobot"],
+            "evaluation is no choice of files any more; expected env=NAME",
+        ),
+        (
+            ["grammar=cartpole"],
+            "grammar=cartpole is unknown; expected one of thesis/acrobot, thesis/cartpole, ",
+        ),
+        (["hall_of_fame.keep=5"], "hall_of_fame.keep is now archive.keep; "),
+        (["refiner.cmaes.moves=5"], "refiner.cmaes.moves is now polish.moves; "),
+        (
+            ["env.route=compiled"],
+            "env.route must be one of auto, kernel, gymnasium; got 'compiled'; compiled is now",
+        ),
+        (
+            ["archive.keep=0"],
+            "archive.neighbours must be 0, because nothing is kept with archive.keep=0 (archive=none",
+        ),
+        (["env=default"], "env.id has no value; expected a Gymnasium id such as CartPole-v1; got nothing"),
+        (["env=default", "env.id=A-v0"], "grammar.bnf has no value; expected rules in Backus-Naur form"),
         (
             ["ge.populaton_size=3"],
             "ge.populaton_size is unknown; expected a key of a run, such as ge.population_size",
@@ -80,8 +104,12 @@ def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experim
         (["-m", "seed=1,-2"], "seed must be an integer of at least 0, because"),
         (["-m", "env=cartpole,foo"], "env=foo is unknown"),
         (
-            ["-m", "ge.elites=0,5", "ge.population_size=10,4"],
-            "ge.elites must be less than ge.population_size, 4",
+            ["-m", "ge.tournament_size=2,5", "ge.population_size=10,4"],
+            "ge.tournament_size must be at most ge.population_size, 4, because a tournament draws",
+        ),
+        (
+            ["ge.population_size=1e9"],
+            "ge.population_size must be at most 21474836 with ge.genotype_length=100",
         ),
         (["hydra.job.chdir=maybe"], "Error merging override hydra.job.chdir=maybe"),
         (["--foo"], "--foo is an unknown flag"),
@@ -169,12 +197,12 @@ def test_command_line_leaves_the_process_as_it_was(monkeypatch):
 def test_evaluate_measures_a_tree(experiment, capsys):
     assert main(["evaluate", "runs/tree.json"]) == 0
     assert capsys.readouterr().out == "mean return 499.5\n"
-    assert main(["evaluate", "t", "--episodes", "5", "--seed", "1", "--route", "compiled", "--json"]) == 0
+    assert main(["evaluate", "t", "--episodes", "5", "--seed", "1", "--route", "kernel", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"mean": 499.5}
     assert main(["evaluate", "run", "--nodes", "3"]) == 0
     assert experiment.evaluated == [
         (Path("runs/tree.json"), 1000, 10000, "auto", None),
-        (Path("t"), 5, 1, "compiled", None),
+        (Path("t"), 5, 1, "kernel", None),
         (Path("run"), 1000, 10000, "auto", 3),
     ]
 
@@ -187,12 +215,12 @@ def test_evaluate_measures_the_trees_of_many_runs(experiment, tmp_path, capsys):
     assert printed.err == "ge-torchrl: left out: multirun/3: broken\n"
     assert main(["evaluate", "multirun", "--markdown", "--nodes", "3"]) == 0
     assert capsys.readouterr().out == "| a table |\n"
-    assert main(["evaluate", "multirun", "--json", "--route", "compiled"]) == 0
+    assert main(["evaluate", "multirun", "--json", "--route", "kernel"]) == 0
     assert json.loads(capsys.readouterr().out) == {"episodes": 10}
     assert experiment.evaluated == [
         (Path("multirun"), 10, 7, "auto", None),
         (Path("multirun"), 1000, 10000, "auto", 3),
-        (Path("multirun"), 1000, 10000, "compiled", None),
+        (Path("multirun"), 1000, 10000, "kernel", None),
     ]
 
 
@@ -252,6 +280,47 @@ def test_ctrl_c_ends_a_run_well_and_the_rest_of_a_sweep(experiment):
     assert main(["seed=1"]) == 0
     assert main(["-m", "seed=0,1,2"]) == 130
     assert [config.seed for config, _ in experiment.runs] == [1, 0, 1]
+
+
+PRINTS = """
+import sys, types
+room = types.ModuleType("ge_torchrl.run")
+def run(config, output_dir, console):
+    console.print("├─ yes: 1 ± 2 ☃")
+    for line in range(1000 if "many" in sys.argv else 1):
+        console.print(line)
+        print(line)
+    return types.SimpleNamespace(stopped_by="generations")
+room.run, room.plan = run, lambda config: None
+sys.modules["ge_torchrl.run"] = sys.modules["ge_torchrl.run.plan"] = room
+from ge_torchrl.__main__ import main
+sys.exit(main(["seed=1"]))
+"""
+
+
+def test_output_to_an_ascii_terminal_never_raises(tmp_path):
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(
+        [sys.executable, "-c", PRINTS], cwd=tmp_path, capture_output=True, check=False, env=environment
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.decode("ascii") == "|- yes: 1 +- 2 ?\n0\n0\n"
+
+
+def test_output_that_nobody_reads_any_more_ends_the_program_quietly(tmp_path):
+    command = [sys.executable, "-c", PRINTS, "many"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
+        program.stdout.close()
+        errors = program.stderr.read()
+    assert (program.returncode, errors) == (141, b"")
+
+
+def test_information_that_nobody_reads_ends_quietly(tmp_path):
+    command = [sys.executable, "-m", "ge_torchrl", "--help"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
+        program.stdout.close()
+        errors = program.stderr.read()
+    assert (program.returncode, errors) == (141, b"")
 
 
 def test_jobs_run_side_by_side_with_one_thread_each(tmp_path):

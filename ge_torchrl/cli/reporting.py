@@ -1,0 +1,41 @@
+"""`report`: tables and figures of finished runs."""
+
+import sys
+from pathlib import Path
+
+from ge_torchrl.cli.parser import Parser
+from ge_torchrl.cli.statuses import OK
+
+
+def report(arguments: list[str]) -> int:
+    """Report the runs in a folder, as `report --help` tells; return the exit status."""
+    parser = Parser(
+        prog="ge-torchrl report",
+        description="Print a table of finished runs, and write a report with figures and drawn trees.",
+    )
+    parser.add_argument(
+        "folder", metavar="FOLDER", type=Path, help="a run's or sweep's folder, or any above them"
+    )
+    parser.add_argument(
+        "--against", metavar="FOLDER", type=Path, help="of runs of other methods, such as GE alone"
+    )
+    parser.add_argument(
+        "--output", metavar="DIR", type=Path, help="folder of the report; default: FOLDER/report"
+    )
+    options = parser.parse_args(arguments)
+
+    from ge_torchrl.report.canvas import PLOTS_HINT, has_matplotlib
+    from ge_torchrl.report.findings import runs_tables
+    from ge_torchrl.report.pages import write_report
+    from ge_torchrl.report.runs import gather_runs
+
+    found = gather_runs(options.folder, options.against)
+    for line in found.unreadable:
+        print(f"ge-torchrl: left out: {line}", file=sys.stderr)
+    print(runs_tables(found.runs))
+    if options.output is None and not has_matplotlib():
+        print(f"ge-torchrl: no report: {PLOTS_HINT}", file=sys.stderr)
+    else:
+        output = options.output or options.folder / "report"
+        print(f"\nreport: {write_report(options.folder, options.against, output)}")
+    return OK

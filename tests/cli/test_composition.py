@@ -1,0 +1,143 @@
+"""What the choices and keys of a command line compose to."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ge_torchrl import __main__ as command_line
+from ge_torchrl.__main__ import main
+
+THESIS = ("cartpole", "acrobot", "mountaincar")
+GOLDEN = Path(__file__).parent.parent / "golden" / "thesis_presets.json"
+
+
+def config_of(experiment, *arguments):
+    assert main(arguments) == 0
+    return experiment.runs[-1][0]
+
+
+def proposals(config):
+    archive = config.archive
+    return archive.neighbours, archive.revisits, archive.migrants, archive.final_keep
+
+
+def test_run_takes_choices_and_keys(experiment):
+    config = config_of(experiment, "env=mountaincar", "seed=3", "ge.generations=50")
+    assert (config.env.id, config.seed, config.ge.generations) == ("MountainCar-v0", 3, 50)
+    assert config.ge.genotype_length == 256
+    assert config.polish.settling_episodes == 10_000, "the environment brings its settings along"
+    assert config.grammar.name == "mountaincar_per_feature"
+
+
+def test_a_grammar_can_be_chosen_apart_from_the_environment(experiment):
+    config = config_of(experiment, "env=cartpole", "grammar=thesis/cartpole")
+    assert (config.env.id, config.ge.generations, config.grammar.name) == ("CartPole-v1", 25, "cartpole")
+
+
+@pytest.mark.parametrize("name", THESIS)
+def test_the_thesis_stays_what_it_was_whatever_becomes_of_the_defaults(experiment, name):
+    thesis = config_of(experiment, f"experiment=thesis/{name}").as_mapping()
+    golden = json.loads(GOLDEN.read_text())[name]
+    # What an archive or a polish would be like has no effect where there is none.
+    for section in ("archive", "polish"):
+        thesis[section] = {key: thesis[section][key] for key in golden[section]}
+    assert thesis == golden
+
+
+@pytest.mark.parametrize("name", THESIS)
+def test_the_thesis_refiner_takes_the_table_of_its_environment(experiment, name):
+    refiner = config_of(experiment, f"env={name}", "refiner=thesis").as_mapping()["refiner"]
+    assert refiner == json.loads(GOLDEN.read_text())[name]["refiner"]
+
+
+@pytest.mark.parametrize(
+    ("refiner", "method", "polishes", "proposes"),
+    [
+        ("ppo", "ppo", True, (26, 1, 20, 8)),
+        ("cmaes", "cmaes", False, (26, 1, 20, 8)),
+        ("thesis", "ppo", False, (0, 0, 0, 0)),
+        ("none", "none", False, (0, 0, 0, 0)),
+    ],
+)
+def test_a_refiner_brings_along_what_goes_with_it(experiment, refiner, method, polishes, proposes):
+    config = config_of(experiment, f"refiner={refiner}")
+    assert (config.refiner.method, config.polish.enabled) == (method, polishes)
+    assert config.archive.enabled, "it keeps trees, whatever goes on from them"
+    assert proposals(config) == proposes
+    alone = config_of(experiment, f"refiner={refiner}", "archive=none", "polish=none")
+    assert not alone.archive.enabled
+    assert not alone.polish.enabled
+    assert config_of(experiment, f"refiner={refiner}", "env=acrobot").env.id == "Acrobot-v1"
+
+
+@pytest.mark.parametrize("refiner", ["none", "ppo"])
+def test_an_experiment_can_be_compared_with_another_refiner(experiment, refiner):
+    config = config_of(experiment, "experiment=thesis/acrobot", f"refiner={refiner}")
+    assert (config.refiner.method, config.ge.generations, config.archive.keep) == (refiner, 50, 0)
+
+
+def test_command_line_has_the_last_word_over_an_experiment(experiment):
+    config = config_of(experiment, "experiment=thesis/acrobot", "ge.generations=7", "seed=9")
+    assert (config.env.id, config.ge.generations, config.seed) == ("Acrobot-v1", 7, 9)
+
+
+def test_every_environment_composes(experiment):
+    names = {path.stem for path in (command_line._CONF / "env").glob("*.yaml")} - {"default"}
+    assert set(THESIS) < names
+    for name in names:
+        assert config_of(experiment, f"env={name}").grammar.name == f"{name}_per_feature"
+
+
+def test_any_environment_runs_with_a_grammar_on_the_command_line(experiment):
+    grammar = "<dt> ::= if lt(x0, [-1, 1] step 0.1) then a0 else a1"
+    config = config_of(experiment, "env=default", "env.id=Mine-v0", f'grammar.bnf="{grammar}"')
+    assert (config.env.id, config.env.features, config.grammar.bnf) == ("Mine-v0", (), grammar)
+
+
+OWN = """\
+# @package _global_
+env:
+  id: Mine-v0
+  features: [height]
+grammar:
+  name: mine
+  bnf: <dt> ::= left | right
+ge:
+  generations: 7
+archive:
+  neighbours: 3
+refiner:
+  schedule:
+    every: 9
+"""
+
+
+@pytest.fixture
+def own_folder(tmp_path):
+    folder = tmp_path / "it's mine"
+    (folder / "env").mkdir(parents=True)
+    (folder / "env" / "mine.yaml").write_text(OWN)
+    return folder
+
+
+def test_own_environment_is_one_file_in_a_folder_of_the_user(experiment, own_folder):
+    config = config_of(experiment, "--config-dir", str(own_folder), "env=mine")
+    assert (config.env.id, config.grammar.name, config.ge.generations) == ("Mine-v0", "mine", 7)
+    assert (config.archive.neighbours, config.refiner.schedule.every) == (3, 9)
+    assert config.archive.keep == 8, "what the file does not say is as anywhere"
+    alone = config_of(experiment, "--config-dir", str(own_folder), "env=mine", "refiner=none")
+    assert proposals(alone) == (0, 0, 0, 0)
+
+
+@pytest.mark.usefixtures("experiment")
+def test_own_environment_without_its_first_line_is_told(own_folder, capsys):
+    (own_folder / "env" / "mine.yaml").write_text(OWN.partition("\n")[2])
+    assert main(["--config-dir", str(own_folder), "env=mine"]) == 2
+    assert "must begin with the line '# @package _global_'" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("experiment")
+def test_configuration_is_shown_with_its_values(capsys):
+    assert main(["refiner=thesis", "env=acrobot", "--cfg", "job"]) == 0
+    assert "max_timesteps: 150000" in capsys.readouterr().out
