@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ge_torchrl.trees.decision_tree import DecisionTree
+import numpy as np
+
+from ge_torchrl.trees.tree import DecisionTree
 
 
 @dataclass(frozen=True)
@@ -43,21 +45,30 @@ class Complexity:
 
 
 def complexity(tree: DecisionTree) -> Complexity:
-    """Return the counts of a tree; each decision node adds 17.8 to the metric, a lone leaf has 0.
+    """Return the counts of a tree; a split on one feature adds 17.8 to the metric, a lone action has 0.
 
-    A lone leaf is one constant. A decision node adds five terms (if, <, the feature, the threshold and one
-    more leaf) and two operations (if and <), both of them non-arithmetic and each composed with another.
+    A lone leaf is one constant. A split adds five terms (if, <, the feature, the threshold and one more leaf) and two
+    operations (if and <), both of them non-arithmetic and each composed with another. What a split sums and what a leaf
+    computes adds arithmetic: every further feature an addition, every weight other than 1 a product. A leaf has one
+    constant for each value.
 
     Args:
-        tree: the tree, pruned first where its full form should not count.
+        tree: The tree, pruned first where its full form should not count.
 
     Returns:
         Its four counts.
     """
-    n = tree.n_decision_nodes
+    n = tree.num_decision_nodes
+    additions = len(tree.feature) - n + np.count_nonzero(tree.leaf_weight)
+    products = np.count_nonzero(tree.weight != 1) + np.count_nonzero(
+        (tree.leaf_weight != 0) & (tree.leaf_weight != 1)
+    )
+    constants = tree.value.size if not tree.has_actions else tree.num_leaves
+    # An addition brings a feature, a product a weight, and each its own operator.
+    arithmetic = int(additions + products)
     return Complexity(
-        size=1 + 5 * n,
-        operations=2 * n,
+        size=constants + 4 * n + 2 * arithmetic,
+        operations=2 * n + arithmetic,
         non_arithmetic_operations=2 * n,
         non_arithmetic_compositions=2 * n,
     )

@@ -1,23 +1,49 @@
-"""A document and its text."""
+"""A controller and its text, in the present format and in the one before it."""
 
-from ge_torchrl.trees.decision_tree import DecisionTree
-from ge_torchrl.trees.labels import TreeLabels
-from ge_torchrl.trees.serialization import TreeDocument
+from ge_torchrl.trees.controller import Controller, Names
+from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
 
-LABELS = TreeLabels(
-    environment="CartPole-v1",
+NAMES = Names(
+    id="CartPole-v1",
     features=("x", "x_dot", "theta", "theta_dot"),
     units=("m", "m/s", "rad", "rad/s"),
     actions=("left", "right"),
 )
-DOCUMENT = TreeDocument(
+CONTROLLER = Controller(
     tree=split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1)),
-    labels=LABELS,
+    names=NAMES,
     provenance={"seed": 3, "returns": {"test": 499.8, "episodes": [1, 2]}},
 )
 TEXT = """\
+{
+  "format": "ge_torchrl.tree/2",
+  "environment": {
+    "id": "CartPole-v1",
+    "kwargs": {},
+    "wrappers": [],
+    "max_episode_steps": null,
+    "features": ["x", "x_dot", "theta", "theta_dot"],
+    "units": ["m", "m/s", "rad", "rad/s"],
+    "actions": ["left", "right"]
+  },
+  "splits": [
+    {"terms": [{"feature": 2, "weight": 1.0}], "threshold": 0.0154, "left": 1, "right": -3},
+    {"terms": [{"feature": 3, "weight": 1.0}], "threshold": 0.229, "left": -1, "right": -2}
+  ],
+  "leaves": [
+    {"action": 0},
+    {"action": 1},
+    {"action": 1}
+  ],
+  "provenance": {
+    "returns": {"episodes": [1, 2], "test": 499.8},
+    "seed": 3
+  }
+}
+"""
+TEXT_1 = """\
 {
   "format": "ge_torchrl.tree/1",
   "environment": {
@@ -37,3 +63,44 @@ TEXT = """\
   }
 }
 """
+WIDE = Controller(
+    tree=DecisionTree.weighted_split(
+        [0, 2],
+        [2.0, -0.5],
+        0.25,
+        DecisionTree.value_leaf([0.5, 1.0], {3: [1.0, 0.0], 0: [-2.0, 0.1]}),
+        DecisionTree.value_leaf([0.0, -1.0]),
+    ),
+    names=Names(
+        id="Somewhere-v0",
+        features=("x", "x_dot", "theta", "theta_dot"),
+        units=("m", "m/s", "m", "rad/s"),
+        actions=("force", "torque"),
+        kwargs={"wind": 1.5, "map": {"b": 1, "a": [2]}},
+        wrappers=("gymnasium.wrappers:FlattenObservation",),
+        max_episode_steps=200,
+    ),
+)
+"""A controller with everything that the type has."""
+WIDE_TEXT = """\
+{
+  "format": "ge_torchrl.tree/2",
+  "environment": {
+    "id": "Somewhere-v0",
+    "kwargs": {"map": {"a": [2], "b": 1}, "wind": 1.5},
+    "wrappers": ["gymnasium.wrappers:FlattenObservation"],
+    "max_episode_steps": 200,
+    "features": ["x", "x_dot", "theta", "theta_dot"],
+    "units": ["m", "m/s", "m", "rad/s"],
+    "actions": ["force", "torque"]
+  },
+  "splits": [
+    {"terms": [{"feature": 0, "weight": 2.0}, {"feature": 2, "weight": -0.5}], "threshold": 0.25, "left": -1, "right": -2}
+  ],
+  "leaves": [
+    {"value": [0.5, 1.0], "linear": [{"feature": 3, "weights": [1.0, 0.0]}, {"feature": 0, "weights": [-2.0, 0.1]}]},
+    {"value": [0.0, -1.0], "linear": []}
+  ],
+  "provenance": {}
+}
+"""  # noqa: E501

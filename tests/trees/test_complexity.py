@@ -1,9 +1,9 @@
 import pytest
 from hypothesis import given
-from strategies import trees
+from strategies import any_trees, trees
 
 from ge_torchrl.trees.complexity import Complexity, complexity
-from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.trees.tree import DecisionTree
 
 
 def chain(n_decision_nodes):
@@ -50,4 +50,28 @@ def test_each_coefficient_of_equation_4(counts, metric):
 @given(trees())
 def test_every_decision_node_adds_the_same(tree):
     computed = complexity(tree).M
-    assert computed == pytest.approx(17.8 * tree.n_decision_nodes)
+    assert computed == pytest.approx(17.8 * tree.num_decision_nodes)
+
+
+def test_a_sum_adds_arithmetic():
+    leaf = DecisionTree.leaf
+    plain = complexity(DecisionTree.split(0, 0.5, leaf(0), leaf(1)))
+    # 2 x - y + z: two products (-1 is one) and two additions, each with an operator and what it brings.
+    summed = complexity(DecisionTree.weighted_split([0, 1, 2], [2.0, -1.0, 1.0], 0.5, leaf(0), leaf(1)))
+    assert summed == Complexity(plain.size + 8, plain.operations + 4, 2, 2)
+    assert pytest.approx(17.8 + 8 * 0.2 + 4 * 0.5) == summed.M
+
+
+def test_values_and_linear_leaves_are_counted():
+    value = DecisionTree.value_leaf
+    assert complexity(value([0.5])) == Complexity(1, 0, 0, 0)
+    assert complexity(value([0.5, 1.0])) == Complexity(2, 0, 0, 0)
+    # 0.5 + 3 x + y, and a constant: what has weight 0 is not there.
+    assert complexity(value([0.5, 1.0], {0: [3.0, 0.0], 1: [1.0, 0.0]})) == Complexity(8, 3, 0, 0)
+
+
+@given(any_trees())
+def test_counts_are_whole_numbers_and_no_tree_is_easier_than_a_lone_action(tree):
+    counts = complexity(tree)
+    assert all(type(getattr(counts, name)) is int for name in ("size", "operations"))
+    assert 17.8 * tree.num_decision_nodes - 1e-9 <= counts.M

@@ -2,31 +2,32 @@ import json
 
 import numpy as np
 import pytest
+from documents_for_tests import WIDE
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import float32s, trees
+from strategies import any_trees, float32s
 
 from ge_torchrl.errors import InvalidTreeError
-from ge_torchrl.trees.decision_tree import DecisionTree
-from ge_torchrl.trees.labels import TreeLabels
-from ge_torchrl.trees.rendering import render_rules, render_text, shortest_decimal
+from ge_torchrl.trees.controller import Names
+from ge_torchrl.trees.text import leaf_text, render_rules, render_text, shortest_decimal, split_text
+from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
 
-CARTPOLE = TreeLabels(
-    environment="CartPole-v1",
+CARTPOLE = Names(
+    id="CartPole-v1",
     features=("x", "x_dot", "theta", "theta_dot"),
     units=("m", "m/s", "rad", "rad/s"),
     actions=("left", "right"),
 )
-ACROBOT = TreeLabels(
-    environment="Acrobot-v1",
+ACROBOT = Names(
+    id="Acrobot-v1",
     features=("cos_theta1", "sin_theta1", "cos_theta2", "sin_theta2", "theta1_dot", "theta2_dot"),
     units=("", "", "", "", "rad/s", "rad/s"),
     actions=("torque -1", "torque 0", "torque +1"),
 )
-MOUNTAIN_CAR = TreeLabels(
-    environment="MountainCar-v0",
+MOUNTAIN_CAR = Names(
+    id="MountainCar-v0",
     features=("position", "velocity"),
     units=("", ""),
     actions=("push left", "no push", "push right"),
@@ -84,27 +85,27 @@ if velocity >= 0.0063 then push right"""
 
 
 @pytest.mark.parametrize(
-    ("tree", "labels", "text"),
+    ("tree", "names", "text"),
     [
         (CARTPOLE_TREE, CARTPOLE, CARTPOLE_TEXT),
         (ACROBOT_TREE, ACROBOT, ACROBOT_TEXT),
         (MOUNTAIN_CAR_TREE, MOUNTAIN_CAR, MOUNTAIN_CAR_TEXT),
     ],
 )
-def test_published_trees_as_text(tree, labels, text):
-    assert render_text(tree, labels) == text
+def test_published_trees_as_text(tree, names, text):
+    assert render_text(tree, names) == text
 
 
 @pytest.mark.parametrize(
-    ("tree", "labels", "rules"),
+    ("tree", "names", "rules"),
     [
         (CARTPOLE_TREE, CARTPOLE, CARTPOLE_RULES),
         (ACROBOT_TREE, ACROBOT, ACROBOT_RULES),
         (MOUNTAIN_CAR_TREE, MOUNTAIN_CAR, MOUNTAIN_CAR_RULES),
     ],
 )
-def test_published_trees_as_rules(tree, labels, rules):
-    assert render_rules(tree, labels) == rules
+def test_published_trees_as_rules(tree, names, rules):
+    assert render_rules(tree, names) == rules
 
 
 @pytest.mark.parametrize("render", [render_text, render_rules])
@@ -126,8 +127,8 @@ def test_a_looser_condition_below_a_tighter_one_does_not_widen_the_interval():
 @pytest.mark.parametrize(
     ("tree", "message"),
     [
-        (split(4, 0.0, leaf(0), leaf(1)), r"feature\[0\]: CartPole-v1 has features 0 to 3, not 4"),
-        (split(0, 0.0, leaf(0), leaf(2)), r"action\[2\]: CartPole-v1 has actions 0 to 1, not 2"),
+        (split(4, 0.0, leaf(0), leaf(1)), r"splits\[0\]: CartPole-v1 has features 0 to 3, not 4"),
+        (split(0, 0.0, leaf(0), leaf(2)), r"leaves\[1\]: CartPole-v1 has actions 0 to 1, not 2"),
     ],
 )
 def test_names_that_the_environment_does_not_have_are_refused(render, tree, message):
@@ -135,10 +136,47 @@ def test_names_that_the_environment_does_not_have_are_refused(render, tree, mess
         render(tree, CARTPOLE)
 
 
-@given(trees(n_features=6))
+@given(any_trees())
 def test_text_has_a_line_a_node_and_rules_a_line_a_leaf(tree):
-    assert len(render_text(tree, ACROBOT).splitlines()) == tree.n_nodes
-    assert len(render_rules(tree, ACROBOT).splitlines()) == tree.is_leaf.sum()
+    names = ACROBOT if tree.has_actions else WIDE.names
+    assert len(render_text(tree, names).splitlines()) == tree.num_decision_nodes + tree.num_leaves
+    assert len(render_rules(tree, names).splitlines()) == tree.num_leaves
+
+
+def test_sums_and_values_as_text():
+    assert (
+        render_text(WIDE.tree, WIDE.names)
+        == """\
+2 x - 0.5 theta < 0.25 m?
+├─ yes: force = 0.5 + theta_dot - 2 x, torque = 1 + 0.1 x
+└─ no:  force = 0, torque = -1"""
+    )
+    assert (
+        render_rules(WIDE.tree, WIDE.names)
+        == """\
+if 2 x - 0.5 theta < 0.25 m then force = 0.5 + theta_dot - 2 x, torque = 1 + 0.1 x
+if 2 x - 0.5 theta >= 0.25 m then force = 0, torque = -1"""
+    )
+
+
+def test_conditions_on_one_sum_are_joined():
+    def weighted(threshold, left, right):
+        return DecisionTree.weighted_split([2, 3], [-1.0, 1.0], threshold, left, right)
+
+    tree = weighted(0.5, weighted(0.25, leaf(0), leaf(1)), leaf(0))
+    assert render_rules(tree, CARTPOLE).splitlines() == [
+        "if -theta + theta_dot < 0.25 then left",
+        "if 0.25 <= -theta + theta_dot < 0.5 then right",
+        "if -theta + theta_dot >= 0.5 then left",
+    ]
+
+
+def test_one_split_and_one_leaf():
+    assert split_text(CARTPOLE_TREE, CARTPOLE, 1) == "theta_dot < 0.229 rad/s"
+    assert leaf_text(CARTPOLE_TREE, CARTPOLE, 2) == "right"
+    linear = DecisionTree.value_leaf([0.0, 0.0], {1: [-1.0, 0.0]})
+    assert leaf_text(linear, WIDE.names, 0) == "force = -x_dot, torque = 0"
+    assert render_rules(linear, WIDE.names) == "always force = -x_dot, torque = 0"
 
 
 @pytest.mark.parametrize(
