@@ -1,4 +1,9 @@
-"""Refinement of one tree, whatever the method: accepted or not, and measured on unseen episodes."""
+"""The refinement of a generation's proposals: one batch through the refiner, one through the polish, each measured once.
+
+A refiner's result is accepted only where it is clearly better than its source on episodes that nothing was trained
+on. What is left is polished without gradients, snapped to the grammar's constants, and measured on the generation's
+training episodes, on the scale of the population.
+"""
 
 from __future__ import annotations
 
@@ -6,139 +11,124 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.route import Route
-from ge_torchrl.records import TrainingRecord
-from ge_torchrl.refiner_section import RefinerConfig
-from ge_torchrl.search.fitness import measure
+from ge_torchrl.errors import UnencodableTreeError
+from ge_torchrl.ge.encoding import snap
+from ge_torchrl.refiners.protocol import Effort, Refined, Refiner, TrainingRecord
+from ge_torchrl.search.fitness import fitness_of, measure, training_seeds
+from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.proposals import Proposal
 from ge_torchrl.seeding import episode_seeds, stream
-from ge_torchrl.trees.decision_tree import DecisionTree
 from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
 
 IMPROVED, NOT_IMPROVED, FAILED = "improved", "not_improved", "failed"
+"""The outcomes of a refinement."""
+MEASURING = "measuring"
+"""The purpose that steps of acceptance and of measuring refined trees are counted under."""
 
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """One tree before and after its refinement.
+    """One proposal before and after its refinement.
 
     Attributes:
-        tree: The refined tree; the tree as it was if training failed or the result was not accepted.
-        outcome: IMPROVED where it returns more than before on the same episodes, NOT_IMPROVED, or FAILED.
-        return_before: Mean return of the tree as it was, on the measuring episodes.
-        return_after: Mean return of the refined tree on the same episodes.
-        thresholds_moved: Number of thresholds that changed.
-        largest_threshold_move: Largest change of a threshold.
-        leaves_changed: Number of leaves whose action changed.
-        training: What the method reports.
-        measuring_seeds: [E] int64, the measuring episodes.
-        env_steps: Environment steps of tuning, acceptance and measuring.
-        seconds: Clock time.
+        proposal: What was refined.
+        refined: What the refiner made of it and acceptance left: the proposal's own tree where nothing was accepted, or
+            where the refiner was not due.
+        tree: What is left after polish and snapping; what is offered and written back.
+        fitness: Of `tree`, on the generation's training episodes.
+        training: What the refiner reports; None where it was not due.
+        outcome: IMPROVED where `refined` is fitter than the proposal's tree on the measuring episodes, NOT_IMPROVED, or
+            FAILED; None where the refiner was not due.
+        fitness_before: Of the proposal's tree on the measuring episodes; NaN where the refiner was not due.
+        fitness_after: Of `refined` on them.
+        fitness_snapped: Of `refined`, snapped, on them; None where it is not snapped.
+        seconds: Clock time of the refiner, shared out evenly over its batch.
     """
 
+    proposal: Proposal
+    refined: DecisionTree
     tree: DecisionTree
-    outcome: str
-    return_before: float
-    return_after: float
-    thresholds_moved: int
-    largest_threshold_move: float
-    leaves_changed: int
-    training: TrainingRecord
-    measuring_seeds: NDArray[np.int64]
-    env_steps: int
-    seconds: float
+    fitness: float
+    training: TrainingRecord | None = None
+    outcome: str | None = None
+    fitness_before: float = math.nan
+    fitness_after: float = math.nan
+    fitness_snapped: float | None = None
+    seconds: float = 0.0
 
     @property
-    def is_improved(self) -> bool:
-        """Whether the refined tree is better than the tree was."""
-        return self.outcome == IMPROVED
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How much more than in a first refinement is spent on a tree.
-
-    Attributes:
-        factor: How many times the method's episodes, and its steps in the environment.
-        patience: How many times the steps beyond that, so that so many times more trees can be tried.
-        step: How many times the first step of thresholds, where a method has one: a tree that is good already is
-            searched nearer by.
-    """
-
-    factor: int = 1
-    patience: int = 1
-    step: float = 1.0
-
-
-FIRST = Effort()
+    def is_changed(self) -> bool:
+        """Whether anything changed the tree."""
+        return self.tree != self.proposal.tree
 
 
 @dataclass(frozen=True, eq=False)
-class Tuned:
-    """What a method made of a tree.
+class Refinements:
+    """What became of a generation's proposals.
 
     Attributes:
-        tree: The tree, its structure unchanged; as it was if training failed.
-        training: What it took.
-        env_steps: Environment steps, snapshots included.
+        refinements: In the order of the proposals.
+        polished: Trees that were polished.
+        polish_seconds: Clock time of it.
     """
 
-    tree: DecisionTree
-    training: TrainingRecord
-    env_steps: int
+    refinements: tuple[Refinement, ...] = ()
+    polished: int = 0
+    polish_seconds: float = 0.0
 
 
-class RefinesTrees(Protocol):
-    """Makes better trees of trees, with their structure unchanged."""
-
-    def tune(
-        self,
-        trees: Sequence[DecisionTree],
-        rngs: Sequence[np.random.Generator],
-        effort: Effort = FIRST,
-    ) -> list[Tuned]:
-        """Tune trees, each by itself.
-
-        Args:
-            trees: The trees.
-            rngs: A stream of randomness for each.
-            effort: How much more than in a first refinement.
-
-        Returns:
-            What became of each.
-        """
-        ...
-
-
-def refine(
-    refiner: RefinesTrees, route: Route, tree: DecisionTree, config: RefinerConfig, seed: int, name: str
-) -> Refinement:
-    """Tune a tree, accept the result or not, and measure it anew.
+def refine_proposals(problem: Problem, proposals: Sequence[Proposal], generation: int) -> Refinements:
+    """Refine and polish a generation's proposals, as far as either is due.
 
     Args:
-        refiner: The method.
-        route: Runs trees.
-        tree: The tree.
-        config: How a refined tree is accepted and measured.
-        seed: The run's seed, from which all randomness follows.
-        name: Of the stream of randomness, so that one refinement does not depend on another.
+        problem: What is searched.
+        proposals: The proposals, in an order that is a function of configuration and seed.
+        generation: Number of the generation.
     """
-    started = time.perf_counter()
-    rng = stream(seed, name)
-    (tuned,) = refiner.tune([tree], [rng])
-    after, env_steps = tuned.tree, tuned.env_steps
-    if config.acceptance_episodes > 0 and after != tree:
-        seeds = episode_seeds("training", config.acceptance_episodes, rng)
-        outcomes = route.evaluate(Forest.stack([tree, after]), seeds)
-        env_steps += outcomes.env_steps
-        if not is_clearly_better(outcomes.returns[1], outcomes.returns[0], config.acceptance_errors):
-            after = tree
-    seeds = episode_seeds("training", config.measuring_episodes, rng)
-    return _compare(route, tree, replace(tuned, tree=after, env_steps=env_steps), seeds, started)
+    if not proposals:
+        return Refinements()
+    started = [
+        Refinement(proposal, proposal.tree, proposal.tree, proposal.fitness) for proposal in proposals
+    ]
+    if problem.refiner is not None and problem.refines_in(generation):
+        started = _refined(problem, problem.refiner, started, generation)
+    polish_started = time.perf_counter()
+    trees = [refinement.refined for refinement in started]
+    polished = 0
+    if problem.polisher is not None and problem.polishes_in(generation):
+        trees = _tuned(problem, problem.polisher, started, trees, f"polish, generation {generation}")
+        polished = len(trees)
+    polish_seconds = time.perf_counter() - polish_started if polished else 0.0
+    if problem.config.refiner.write_back:
+        trees = [snapped(problem, tree) for tree in trees]
+    fitness = measure(
+        problem.backend,
+        Forest.stack(trees),
+        training_seeds(problem.config, generation),
+        MEASURING,
+        problem.config.evaluation.std_penalty,
+    )
+    return Refinements(
+        tuple(
+            replace(refinement, tree=tree, fitness=float(value))
+            for refinement, tree, value in zip(started, trees, fitness, strict=True)
+        ),
+        polished,
+        polish_seconds,
+    )
+
+
+def snapped(problem: Problem, tree: DecisionTree) -> DecisionTree:
+    """Return a tree on the grammar's constants; as it is where the grammar has none for it."""
+    try:
+        return snap(tree, problem.tables.grammar)
+    except UnencodableTreeError:
+        return tree
 
 
 def is_clearly_better(returns: NDArray[np.float64], than: NDArray[np.float64], errors: float) -> bool:
@@ -155,30 +145,116 @@ def is_clearly_better(returns: NDArray[np.float64], than: NDArray[np.float64], e
     return bool(difference.mean() > errors * difference.std() / math.sqrt(len(difference)))
 
 
-def stream_name(generation: int, attempt: int) -> str:
-    """Name one refinement of a run; the first of a generation as if it were the only one."""
-    return f"refinement in generation {generation}" + (f", attempt {attempt}" if attempt else "")
+def _tuned(
+    problem: Problem,
+    refiner: Refiner,
+    refinements: Sequence[Refinement],
+    trees: Sequence[DecisionTree],
+    name: str,
+) -> list[DecisionTree]:
+    return [one.tree for one in _batches(problem, refiner, refinements, trees, name)]
 
 
-def _compare(
-    route: Route, before: DecisionTree, tuned: Tuned, seeds: NDArray[np.int64], started: float
-) -> Refinement:
-    """Measure a tree before and after on the same unseen episodes, and tell what changed."""
-    after, training = tuned.tree, tuned.training
-    measured = measure(route, Forest.stack([before, after]), seeds)
-    return_before, return_after = (float(fitness) for fitness in measured.fitness)
-    outcome = IMPROVED if return_after > return_before else NOT_IMPROVED
-    moves = np.abs(after.threshold - before.threshold)
-    return Refinement(
-        tree=after,
-        outcome=FAILED if training.failure is not None else outcome,
-        return_before=return_before,
-        return_after=return_after,
-        thresholds_moved=int(np.count_nonzero(moves)),
-        largest_threshold_move=float(moves.max()),
-        leaves_changed=int(np.count_nonzero(after.action != before.action)),
-        training=training,
-        measuring_seeds=seeds,
-        env_steps=tuned.env_steps + measured.env_steps,
-        seconds=time.perf_counter() - started,
+def _batches(
+    problem: Problem,
+    refiner: Refiner,
+    refinements: Sequence[Refinement],
+    trees: Sequence[DecisionTree],
+    name: str,
+) -> list[Refined]:
+    """Refine trees, those of one effort in one call; each has a stream of its own, found by its place."""
+    results: dict[int, Refined] = {}
+    efforts = dict.fromkeys(refinement.proposal.effort for refinement in refinements)
+    for effort in efforts:
+        places = [i for i, refinement in enumerate(refinements) if refinement.proposal.effort == effort]
+        rngs = [stream(problem.config.seed, f"{name}, proposal {i}") for i in places]
+        refined = refiner.refine([trees[i] for i in places], rngs, effort)
+        results.update(zip(places, refined, strict=True))
+    return [results[i] for i in range(len(trees))]
+
+
+def _refined(
+    problem: Problem, refiner: Refiner, refinements: list[Refinement], generation: int
+) -> list[Refinement]:
+    """Return the refinements after the refiner and acceptance, measured before and after on unseen episodes."""
+    started = time.perf_counter()
+    trees = [refinement.proposal.tree for refinement in refinements]
+    name = f"refinement, generation {generation}"
+    results = _batches(problem, refiner, refinements, trees, name)
+    accepted = _accepted(problem, trees, [one.tree for one in results], generation)
+    snaps = [snapped(problem, tree) for tree in accepted] if problem.config.refiner.write_back else []
+    settings = problem.config.refiner
+    rng = stream(problem.config.seed, f"measuring, generation {generation}")
+    fitness = measure(
+        problem.backend,
+        Forest.stack([*trees, *accepted, *snaps]),
+        episode_seeds("training", settings.measuring_episodes, rng),
+        MEASURING,
+        problem.config.evaluation.std_penalty,
+    ).tolist()
+    n, seconds = len(trees), (time.perf_counter() - started) / len(trees)
+    return [
+        replace(
+            refinement,
+            refined=accepted[i],
+            tree=accepted[i],
+            training=results[i].training,
+            outcome=_outcome(results[i].training, fitness[i], fitness[n + i]),
+            fitness_before=fitness[i],
+            fitness_after=fitness[n + i],
+            fitness_snapped=fitness[2 * n + i] if snaps else None,
+            seconds=seconds,
+        )
+        for i, refinement in enumerate(refinements)
+    ]
+
+
+def _accepted(
+    problem: Problem, before: Sequence[DecisionTree], after: Sequence[DecisionTree], generation: int
+) -> list[DecisionTree]:
+    """Return each refined tree where it is clearly better on unseen episodes, else the tree as it was."""
+    settings = problem.config.refiner
+    changed = [i for i, (old, new) in enumerate(zip(before, after, strict=True)) if old != new]
+    if settings.acceptance_episodes == 0 or not changed:
+        return list(after)
+    rng = stream(problem.config.seed, f"acceptance, generation {generation}")
+    outcomes = problem.backend.evaluate(
+        Forest.stack([*(before[i] for i in changed), *(after[i] for i in changed)]),
+        episode_seeds("training", settings.acceptance_episodes, rng),
+        MEASURING,
     )
+    old_returns, new_returns = np.split(outcomes.returns, 2)
+    better = {
+        i
+        for i, old, new in zip(changed, old_returns, new_returns, strict=True)
+        if is_clearly_better(new, old, settings.acceptance_errors) and _is_fitter(problem, new, old)
+    }
+    return [new if i in better else old for i, (old, new) in enumerate(zip(before, after, strict=True))]
+
+
+def _is_fitter(problem: Problem, new: NDArray[np.float64], old: NDArray[np.float64]) -> bool:
+    fitness = fitness_of(np.stack([new, old]), problem.config.evaluation.std_penalty)
+    return bool(fitness[0] > fitness[1])
+
+
+def _outcome(training: TrainingRecord, before: float, after: float) -> str:
+    if training.failure is not None:
+        return FAILED
+    return IMPROVED if after > before else NOT_IMPROVED
+
+
+def refine_with_effort(
+    problem: Problem, refiner: Refiner, trees: Sequence[DecisionTree], effort: Effort, name: str
+) -> list[DecisionTree]:
+    """Return what a refiner makes of trees, snapped where refined trees are written back.
+
+    Args:
+        problem: What is searched.
+        refiner: The method.
+        trees: The trees.
+        effort: How much is spent on each.
+        name: Of the streams of randomness.
+    """
+    rngs = [stream(problem.config.seed, f"{name}, tree {i}") for i in range(len(trees))]
+    tuned = [one.tree for one in refiner.refine(trees, rngs, effort)]
+    return [snapped(problem, tree) for tree in tuned] if problem.config.refiner.write_back else tuned

@@ -1,0 +1,222 @@
+"""The archive: the best trees found for each number of decision nodes.
+
+A run passes good small trees on its way and loses them to larger ones that are fitter on the training episodes. The
+archive is one niche a size (Mouret and Clune, "Illuminating search spaces by mapping elites", 2015). What is offered
+is measured on episodes that evolution never selects on; what these episodes do not visit is pruned before the size is
+counted.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ge_torchrl.config import ArchiveConfig
+from ge_torchrl.search.fitness import archive_seeds, fitness_of
+from ge_torchrl.search.population import Population
+from ge_torchrl.search.problem import Problem
+from ge_torchrl.seeding import stream
+from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.simplify import prune, simplify
+from ge_torchrl.trees.tree import DecisionTree, FloatArray
+
+ARCHIVE = "archive"
+"""The purpose that steps of measuring and observing for the archive are counted under."""
+POPULATION, REFINEMENT, POLISH = "population", "refinement", "polish"
+"""Where a tree comes from."""
+
+# A tree so many times larger than the largest kept one may still be pruned to a kept size.
+_LARGEST_OFFERED = 2
+# States of each kept tree, from which the thresholds of its neighbours are drawn.
+_OBSERVED = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """A tree that might be kept, or be the champion.
+
+    Attributes:
+        tree: The tree.
+        fitness: Its fitness on training episodes.
+        origin: POPULATION, REFINEMENT for what the refiner made, or POLISH for what only the polish changed.
+    """
+
+    tree: DecisionTree
+    fitness: float
+    origin: str
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A kept tree.
+
+    Attributes:
+        tree: The tree, pruned.
+        archive_fitness: Its fitness on the archive's episodes, by which it is kept.
+        train_fitness: Its fitness on training episodes when it was offered.
+        origin: As of a contender.
+        observed: [T, D] float32, observations that it acted on.
+    """
+
+    tree: DecisionTree
+    archive_fitness: float
+    train_fitness: float
+    origin: str
+    observed: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Archive:
+    """The kept trees.
+
+    Attributes:
+        members: From small to large, of each size the best first; of each size every one has another structure.
+        offered: Digests of all trees that were ever offered: each is measured once.
+    """
+
+    members: tuple[Member, ...] = ()
+    offered: frozenset[bytes] = frozenset()
+
+    def of_size(self, num_decision_nodes: int) -> list[Member]:
+        """Return the kept trees of one size, the best first."""
+        return [member for member in self.members if member.tree.num_decision_nodes == num_decision_nodes]
+
+
+def digest(tree: DecisionTree) -> bytes:
+    """Return what tells a tree from others, in 16 bytes that are the same on every machine."""
+    return hashlib.blake2b(tree.structure + tree.parameters.tobytes(), digest_size=16).digest()
+
+
+def offer(problem: Problem, archive: Archive, contenders: Iterable[Contender]) -> Archive:
+    """Return the archive after an offer: new trees are measured in one batch, the best of each size stay.
+
+    Trees that are equal once simplified are one tree. Of equally good ones the first that was offered stays.
+
+    Args:
+        problem: What is searched.
+        archive: The archive before.
+        contenders: What is offered, in an order that does not depend on clocks.
+    """
+    settings = problem.config.archive
+    if settings.keep == 0:
+        return archive
+    new = _new(problem, archive, list(contenders))
+    if not new:
+        return archive
+    trees = [contender.tree for contender in new]
+    outcomes = problem.backend.evaluate(
+        Forest.stack(trees), archive_seeds(problem.config), ARCHIVE, visits=True
+    )
+    fitness = fitness_of(outcomes.returns, problem.config.evaluation.std_penalty)
+    pruned = prune_all(trees, outcomes.leaf_visits)
+    kept = _Kept(settings, archive)
+    for tree, contender, value in zip(pruned, new, map(float, fitness), strict=True):
+        kept.add(tree, contender, value)
+    return Archive(kept.members(problem), archive.offered | {digest(tree) for tree in (*trees, *pruned)})
+
+
+def prune_all(trees: Sequence[DecisionTree], leaf_visits: NDArray[np.int64] | None) -> list[DecisionTree]:
+    """Return trees without what some episodes did not visit.
+
+    Args:
+        trees: The trees, in the order in which they were measured.
+        leaf_visits: Visits of all their leaves, tree after tree.
+    """
+    if leaf_visits is None:
+        raise ValueError("pruning needs visits: evaluate(..., visits=True)")
+    ends = np.cumsum([tree.num_leaves for tree in trees])
+    return [prune(tree, visits) for tree, visits in zip(trees, np.split(leaf_visits, ends[:-1]), strict=True)]
+
+
+def leaders(population: Population, max_nodes: int) -> list[Contender]:
+    """Return the fittest individual of each size, from small to large; of equally fit ones the first.
+
+    Args:
+        population: The population.
+        max_nodes: Decision nodes of the largest leader.
+    """
+    fitness, sizes = population.fitness, population.sizes
+    candidates = np.flatnonzero(np.isfinite(fitness) & (sizes <= max_nodes))
+    ordered = candidates[np.lexsort((-fitness[candidates], sizes[candidates]))]
+    _, first = np.unique(sizes[ordered], return_index=True)
+    return [Contender(population.forest.tree(int(i)), float(fitness[i]), POPULATION) for i in ordered[first]]
+
+
+def _new(problem: Problem, archive: Archive, contenders: list[Contender]) -> list[Contender]:
+    """Return those contenders that are small enough and were not offered before, simplified, each once."""
+    if not contenders:
+        return []
+    simple = simplify(Forest.stack([contender.tree for contender in contenders]), *problem.backend.bounds)
+    largest = _LARGEST_OFFERED * problem.config.archive.max_nodes
+    new: dict[bytes, Contender] = {}
+    for tree, contender in zip(simple.trees(), contenders, strict=True):
+        key = digest(tree)
+        if tree.num_decision_nodes <= largest and key not in archive.offered:
+            new.setdefault(key, Contender(tree, contender.fitness, contender.origin))
+    return list(new.values())
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    tree: DecisionTree
+    fitness: float
+    contender: Contender
+
+
+class _Kept:
+    """The trees of each size while an offer is sorted in."""
+
+    def __init__(self, settings: ArchiveConfig, archive: Archive) -> None:
+        self._settings = settings
+        self._by_size: dict[int, list[Member | _Candidate]] = {}
+        for member in archive.members:
+            self._by_size.setdefault(member.tree.num_decision_nodes, []).append(member)
+
+    def add(self, tree: DecisionTree, contender: Contender, fitness: float) -> None:
+        """Sort in a tree, if it is among the best of its size and better than the kept one of its structure."""
+        size = tree.num_decision_nodes
+        if size > self._settings.max_nodes:
+            return
+        rivals = self._by_size.get(size, [])
+        alike = [rival for rival in rivals if rival.tree.structure == tree.structure]
+        if any(_fitness(rival) >= fitness for rival in alike):
+            return
+        rivals = [rival for rival in rivals if rival not in alike]
+        rivals.append(_Candidate(tree, fitness, contender))
+        rivals.sort(key=lambda rival: -_fitness(rival))
+        self._by_size[size] = rivals[: self._settings.keep]
+
+    def members(self, problem: Problem) -> tuple[Member, ...]:
+        """Return the kept trees; those that are new are observed now."""
+        entries = [rival for size in sorted(self._by_size) for rival in self._by_size[size]]
+        new = [entry for entry in entries if isinstance(entry, _Candidate)]
+        observed = _observe(problem, [entry.tree for entry in new])
+        seen = {id(entry): observations for entry, observations in zip(new, observed, strict=True)}
+        return tuple(
+            entry
+            if isinstance(entry, Member)
+            else Member(
+                entry.tree,
+                entry.fitness,
+                entry.contender.fitness,
+                entry.contender.origin,
+                seen[id(entry)],
+            )
+            for entry in entries
+        )
+
+
+def _fitness(entry: Member | _Candidate) -> float:
+    return entry.archive_fitness if isinstance(entry, Member) else entry.fitness
+
+
+def _observe(problem: Problem, trees: Sequence[DecisionTree]) -> Sequence[FloatArray]:
+    """Return what trees see; it depends on each tree alone, not on when it entered. Neighbours alone need it."""
+    if not trees or problem.config.archive.neighbours == 0:
+        return [np.zeros((0, problem.backend.spec.n_features), np.float32)] * len(trees)
+    rngs = [stream(problem.config.seed, f"observations of {digest(tree).hex()}") for tree in trees]
+    return list(problem.backend.observe(trees, _OBSERVED, rngs, ARCHIVE))
