@@ -1,1 +1,1 @@
-"""One run, with its files and its screen."""
+"""One run: from a configuration to a verdict, with its files and its screen."""

@@ -1,0 +1,265 @@
+"""A run from configuration to verdict: describe, search, choose, prune, test, write, tell."""
+
+from __future__ import annotations
+
+import logging
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from ge_torchrl import __version__
+from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.artefacts.records import Summary
+from ge_torchrl.compilation import is_compiled_before
+from ge_torchrl.config import Config
+from ge_torchrl.environments.backend import Backend, LimitReachedError
+from ge_torchrl.environments.choose import open_backend
+from ge_torchrl.errors import EnvironmentFaultError, GrammarError, RunFaultError, UserError
+from ge_torchrl.refiners.protocol import Refiner
+from ge_torchrl.run.allowance import Allowance, Phase
+from ge_torchrl.run.closing import closing_text
+from ge_torchrl.run.loop import Search
+from ge_torchrl.run.plan import Plan, plan
+from ge_torchrl.run.progress import Progress
+from ge_torchrl.run.recording import (
+    generation_record,
+    refinement_records,
+    write_untested,
+    write_verdict,
+)
+from ge_torchrl.search.conclusion import (
+    TEST,
+    VALIDATION,
+    Verdict,
+    choose,
+    contenders_of,
+    examine,
+    refine_once_more,
+)
+from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.state import Events, SearchState
+from ge_torchrl.trees.complexity import complexity
+from ge_torchrl.trees.controller import Controller
+
+
+def run(config: Config, output_dir: Path, console: Console | None = None) -> Summary:
+    """Run an experiment and leave its artefacts in a folder.
+
+    Args:
+        config: Everything the run depends on.
+        output_dir: The run folder, made if need be.
+        console: Where progress goes; standard output if not given.
+
+    Returns:
+        The summary, as it is in the folder.
+
+    Raises:
+        UserError: The configuration cannot be run, or the environment failed on the way.
+        RunFaultError: Something else failed; the best tree so far is in the folder.
+    """
+    started = time.perf_counter()
+    planned = plan(config)
+    console = console or Console(highlight=False)
+    if not is_compiled_before():
+        console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
+    backend = open_backend(planned.spec, config.env.route, config.evaluation.threads, config.env.workers)
+    try:
+        return _Run(planned, backend, output_dir, console, started).to_the_end()
+    finally:
+        backend.close()
+
+
+class _Run:
+    """One run: its search, its folder and its screen."""
+
+    def __init__(
+        self, planned: Plan, backend: Backend, output_dir: Path, console: Console, started: float
+    ) -> None:
+        given = planned.config.evaluation.steps_per_second
+        self.config = planned.config.resolved(backend.steps_per_second if given is None else given)
+        self.names = planned.spec.names
+        self.console, self.started = console, started
+        self.folder = RunFolder.create(output_dir, self.config)
+        self.backend = backend
+        self.allowance = Allowance.of(self.config, started)
+        refiner, polisher = _refiners(self.config, backend)
+        self.problem = Problem(self.config, planned.tables, backend, refiner, polisher)
+        self.search = Search(self.problem, self._watch)
+        self.warnings: list[str] = []
+        self.refine_seconds = self.polish_seconds = 0.0
+
+    def to_the_end(self) -> Summary:
+        config, console = self.config, self.console
+        console.print(
+            f"{self.backend.spec.id}, seed {config.seed}: {config.ge.generations} generations of "
+            f"{config.ge.population_size} trees, {config.evaluation.episodes} episodes each, "
+            f"{self.backend.name} route",
+            soft_wrap=True,
+        )
+        with ExitStack() as opened:
+            opened.enter_context(_warnings_told(self.warnings, console))
+            self.history = opened.enter_context(self.folder.history_writer())
+            self.refinements = opened.enter_context(self.folder.refinements_writer())
+            self.progress = opened.enter_context(Progress(console, config.ge.generations, config))
+            self.backend.on_steps = self.progress.beat
+            try:
+                stopped_by, evolve_seconds, verdict = self._search_and_choose()
+            except (KeyboardInterrupt, GrammarError):
+                raise
+            except Exception as fault:
+                raise self._with_what_there_is(fault) from fault
+        records = write_verdict(config, self.names, self.folder, verdict)
+        summary = self._summary(verdict, stopped_by, evolve_seconds)
+        self.folder.write_summary(summary)
+        self._tell(summary, verdict, records)
+        return summary
+
+    def _search_and_choose(self) -> tuple[str, float, Verdict]:
+        self.backend.limit = self.allowance.until(Phase.SEARCH)
+        try:
+            stopped_by = self.search.run()
+        except LimitReachedError as limit:
+            raise UserError(
+                f"ge.{limit.reason} must leave time for the first generation, which needs more; nothing was found"
+            ) from limit
+        state = self._last_state()
+        contenders = contenders_of(self.problem, state)
+        if not contenders:
+            raise GrammarError(
+                f"no genotype of {self.config.ge.genotype_length} codons gave a tree in {state.counts.born} tries; "
+                f"the grammar {self.config.grammar.name} needs a longer one (ge.genotype_length) or wraps (ge.wraps)"
+            )
+        if stopped_by == "interrupt":
+            self.progress.say("Testing what was found; Ctrl-C again leaves it untested in the run folder.")
+        elif self.config.archive.final_keep > 0 and self.problem.refines:
+            self.progress.say("Refining the best trees of each size once more ...")
+            self.backend.limit = self.allowance.until(Phase.FINAL_REFINEMENT)
+            state = refine_once_more(self.problem, state)
+            self.search.state = state
+        evolve_seconds = time.perf_counter() - self.started
+        self.progress.say("Validation and test ...")
+        self.backend.limit = self.allowance.until(Phase.VALIDATION)
+        champion, by_size = choose(self.problem, contenders_of(self.problem, state))
+        self.backend.limit = self.allowance.until(Phase.TEST)
+        return stopped_by, evolve_seconds, examine(self.problem, champion, by_size)
+
+    def _last_state(self) -> SearchState:
+        if self.search.state is None:
+            raise ValueError("a search that ended has a state")
+        return self.search.state
+
+    def _watch(self, state: SearchState, events: Events) -> None:
+        elapsed = time.perf_counter() - self.started
+        self.refine_seconds += events.refine_seconds
+        self.polish_seconds += events.polish_seconds
+        for refinement in refinement_records(state, events):
+            self.refinements.write(refinement)
+            self.progress.show_refinement(refinement)
+        record = generation_record(state, events, self.backend.steps.total(), elapsed)
+        self.history.write(record)
+        self.progress.show(record)
+
+    def _with_what_there_is(self, fault: Exception) -> Exception:
+        """Save the best tree so far and the kept ones, and return the error that says so in one line."""
+        found = "no tree was there yet"
+        state = self.search.state
+        if state is not None and (contenders := contenders_of(self.problem, state)):
+            best = max(contenders, key=lambda one: getattr(one, "fitness", -float("inf")))
+            write_untested(self.config, self.names, self.folder, best.tree, state.archive)
+            found = f"the best tree so far is in {self.folder.path}, untested"
+        if isinstance(fault, UserError):
+            return type(fault)(f"{fault}; {found}")
+        trace = self.folder.path / "traceback.txt"
+        trace.write_text("".join(traceback.format_exception(fault)), encoding="utf-8")
+        text = " ".join(f"{type(fault).__name__}: {fault}".split())
+        return RunFaultError(f"the run broke off ({text}); {found}; details are in {trace}")
+
+    def _summary(self, verdict: Verdict, stopped_by: str, evolve_seconds: float) -> Summary:
+        spec, counts, champion = self.backend.spec, self._last_state().counts, verdict.champion
+        steps = dict(sorted(self.backend.steps.items()))
+        test_mean = float(verdict.test_returns.mean())
+        return Summary(
+            environment=spec.id,
+            seed=self.config.seed,
+            solved=None if spec.solved_at is None else spec.is_solved(test_mean),
+            train_fitness=champion.train_fitness,
+            validation_mean=float(champion.validation_returns.mean()),
+            test_mean=test_mean,
+            test_std=float(verdict.test_returns.std()),
+            test_episodes=len(verdict.test_returns),
+            test_mean_full=float(verdict.test_returns_full.mean()),
+            decision_nodes=champion.pruned.num_decision_nodes,
+            depth=champion.pruned.depth,
+            complexity_M=complexity(champion.pruned).M,
+            generations=self._last_state().generation + 1,
+            stopped_by=stopped_by,
+            env_steps=sum(n for purpose, n in steps.items() if purpose not in (VALIDATION, TEST)),
+            steps=steps,
+            steps_per_second=self.backend.steps_per_second,
+            refinements=counts.refinements,
+            refinements_improved=counts.improved,
+            refined=counts.refined,
+            polished=counts.polished,
+            champion_from=champion.origin,
+            evolve_seconds=evolve_seconds,
+            refine_seconds=self.refine_seconds,
+            polish_seconds=self.polish_seconds,
+            wall_seconds=time.perf_counter() - self.started,
+            invalid_fraction=counts.invalid / counts.born,
+            route=self.backend.name,
+            solved_at=spec.solved_at,
+            version=__version__,
+            warnings=tuple(self.warnings),
+        )
+
+    def _tell(self, summary: Summary, verdict: Verdict, records: list) -> None:
+        path = self.folder.path
+        shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+        controller = Controller(verdict.champion.pruned, self.names)
+        self.console.print()
+        self.console.print(closing_text(summary, controller, shown, records), soft_wrap=True)
+
+
+def _refiners(config: Config, backend: Backend) -> tuple[Refiner | None, Refiner | None]:
+    """Return the refiner and the polisher of a configuration; torch is imported only where PPO is asked for."""
+    from ge_torchrl.refiners.local_search import LocalSearch
+
+    polisher = LocalSearch(backend, config.polish, "polish") if config.polish.enabled else None
+    if config.refiner.method == "none":
+        return None, polisher
+    if config.refiner.method == "cmaes":
+        return LocalSearch(backend, config.polish, "refinement"), polisher
+    from ge_torchrl.refiners.rl.refiner import PPORefiner
+
+    return PPORefiner(backend, config.refiner.ppo, "refinement"), polisher
+
+
+@contextmanager
+def _warnings_told(told: list[str], console: Console) -> Iterator[None]:
+    """Show each warning of the package once, and keep it for the summary."""
+    handler = _Teller(told, console)
+    logger = logging.getLogger("ge_torchrl")
+    propagates = logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagates
+
+
+class _Teller(logging.Handler):
+    def __init__(self, told: list[str], console: Console) -> None:
+        super().__init__(logging.WARNING)
+        self._told, self._console = told, console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage()
+        if text not in self._told:
+            self._told.append(text)
+            self._console.print(f"warning: {text}", soft_wrap=True, markup=False)

@@ -1,0 +1,80 @@
+"""The loop over generations: step, tell, and stop when there is a reason to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ge_torchrl.environments.backend import LimitReachedError
+from ge_torchrl.search.archive import digest
+from ge_torchrl.search.fitness import measure, validation_seeds
+from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.state import Events, SearchState
+from ge_torchrl.search.step import first_state, step
+from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
+
+SOLVING = "asking validation"
+"""The purpose that steps of `ge.stop_when_solved` are counted under."""
+
+Watch = Callable[[SearchState, Events], None]
+
+
+@dataclass(eq=False)
+class Search:
+    """A search as it goes on; whatever ends it, its last state is here.
+
+    Attributes:
+        problem: What is searched.
+        watch: Is shown every state with what happened in its generation.
+        state: The last state; None before the first generation.
+    """
+
+    problem: Problem
+    watch: Watch
+    state: SearchState | None = None
+
+    def run(self) -> str:
+        """Go from generation to generation until something stops it; return what did.
+
+        Raises:
+            KeyboardInterrupt: It came before the first generation was there.
+            LimitReachedError: The limit was reached before it was.
+        """
+        asked: set[bytes] = set()
+        try:
+            while True:
+                if self.state is None:
+                    state, events = first_state(self.problem)
+                else:
+                    state, events = step(self.problem, self.state)
+                self.state = state
+                self.watch(state, events)
+                if state.generation + 1 >= self.problem.config.ge.generations:
+                    return "generations"
+                if self.problem.config.ge.stop_when_solved and _is_solved(self.problem, state, asked):
+                    return "solved"
+        except KeyboardInterrupt:
+            if self.state is None:
+                raise
+            return "interrupt"
+        except LimitReachedError as limit:
+            if self.state is None:
+                raise
+            return limit.reason
+
+
+def _is_solved(problem: Problem, state: SearchState, asked: set[bytes]) -> bool:
+    """Tell whether a tree that solves the task on training episodes does so on validation's; each is asked once."""
+    spec = problem.backend.spec
+    leading: list[DecisionTree] = []
+    if spec.is_solved(float(state.population.fitness.max())):
+        leading.append(state.population.forest.tree(state.population.best))
+    if state.best_refined is not None and spec.is_solved(state.best_refined.fitness):
+        leading.append(state.best_refined.tree)
+    new = [tree for tree in leading if digest(tree) not in asked]
+    asked.update(digest(tree) for tree in new)
+    if not new:
+        return False
+    fitness = measure(problem.backend, Forest.stack(new), validation_seeds(problem.config), SOLVING)
+    return any(spec.is_solved(float(value)) for value in fitness)

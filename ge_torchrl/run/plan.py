@@ -1,0 +1,41 @@
+"""A configuration made real: what can be known to be right before anything is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ge_torchrl.config import Config
+from ge_torchrl.environments.choose import open_backend
+from ge_torchrl.environments.spec import EnvironmentSpec, describe
+from ge_torchrl.ge.grammar import read_grammar
+from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a run is to do.
+
+    Attributes:
+        config: The configuration.
+        spec: The environment.
+        tables: The compiled grammar.
+    """
+
+    config: Config
+    spec: EnvironmentSpec
+    tables: RuleTables
+
+
+def plan(config: Config) -> Plan:
+    """Check what a configuration promises: that the environment exists and fits, and that the grammar is one.
+
+    Raises:
+        EnvironmentFaultError: The environment is unknown or unsuitable, or has no such route.
+        GrammarError: The grammar text breaks a rule.
+    """
+    env = config.env
+    spec = describe(env.id, env.features, env.units, env.actions, env.solved_at, env.max_episode_steps)
+    if env.route == "kernel":
+        open_backend(spec, env.route, threads=1).close()
+    grammar = read_grammar(config.grammar.bnf, spec.names.features, spec.names.actions)
+    return Plan(config, spec, compile_rules(grammar))

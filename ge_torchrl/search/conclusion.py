@@ -1,0 +1,243 @@
+"""The end of a search: kept trees are refined once more, validation chooses the champion and the best tree of each size.
+
+The maximum over a population of a mean over few episodes overstates itself; a second measurement, on many episodes that
+nothing was selected on, does not. The test that follows chooses nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ge_torchrl.environments.backend import LimitReachedError, Outcomes
+from ge_torchrl.ge.encoding import constants_near
+from ge_torchrl.ge.mapping import map_population
+from ge_torchrl.refiners.protocol import Effort
+from ge_torchrl.refiners.settling import settle
+from ge_torchrl.search.archive import POLISH, POPULATION, Contender, Member, offer, prune_all
+from ge_torchrl.search.fitness import (
+    fitness_of,
+    measure,
+    test_seeds,
+    training_seeds,
+    validation_seeds,
+)
+from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.refinement import refine_with_effort
+from ge_torchrl.search.state import SearchState
+from ge_torchrl.seeding import episode_seeds, stream
+from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
+
+FINAL, VALIDATION, TEST = "final refinement", "validation", "test"
+"""The purposes that steps of the conclusion are counted under."""
+
+# Constants so far away, in both directions, that a settling number may move to at once.
+_STRIDES = (-4, -2, -1, 1, 2, 4)
+# Kept trees that are refined at a time, and episodes that are measured at first, where a limit may end it.
+_TREES_AT_ONCE, _EPISODES_AT_ONCE = 4, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Finalist:
+    """A tree that validation has measured.
+
+    Attributes:
+        full: The tree as its genotype maps to it, or as it was kept.
+        pruned: What the validation episodes need of it (thesis, section 2.4).
+        origin: As of a contender.
+        train_fitness: Its fitness on training episodes.
+        archive_fitness: Its fitness on the archive's episodes; None where it is not kept.
+        validation_returns: [E] float64, its returns on the validation episodes.
+    """
+
+    full: DecisionTree
+    pruned: DecisionTree
+    origin: str
+    train_fitness: float
+    archive_fitness: float | None
+    validation_returns: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What a search ends with.
+
+    Attributes:
+        champion: The best tree.
+        test_returns: [E] float64, of the pruned champion on unseen episodes.
+        test_returns_full: [E] float64, of the champion as it was before pruning.
+        by_size: The best tree of each size by validation, from small to large; none without an archive.
+        test_returns_by_size: [S, E] float64, theirs.
+    """
+
+    champion: Finalist
+    test_returns: NDArray[np.float64]
+    test_returns_full: NDArray[np.float64]
+    by_size: tuple[Finalist, ...]
+    test_returns_by_size: NDArray[np.float64]
+
+
+def refine_once_more(problem: Problem, state: SearchState) -> SearchState:
+    """Refine the best kept trees of each size with the effort of the end, and offer what comes out.
+
+    Where a limit breaks it off, what was refined before is offered.
+
+    Args:
+        problem: What is searched.
+        state: The state after the last generation.
+    """
+    settings, refiner = problem.config.archive, problem.polisher or problem.refiner
+    if settings.final_keep == 0 or refiner is None:
+        return state
+    sizes = sorted({member.tree.num_decision_nodes for member in state.archive.members} - {0})
+    trees = [member.tree for size in sizes for member in state.archive.of_size(size)[: settings.final_keep]]
+    effort = Effort(settings.final_factor, settings.final_patience, settings.final_step)
+    limited = problem.backend.limit is not None
+    for first in range(0, len(trees), _TREES_AT_ONCE if limited else max(len(trees), 1)):
+        some = trees[first : first + _TREES_AT_ONCE] if limited else trees
+        try:
+            refined = refine_with_effort(problem, refiner, some, effort, f"final refinement from {first} on")
+            refined = _settled(problem, refined)
+            seeds = training_seeds(problem.config, state.generation)
+            fitness = measure(
+                problem.backend, Forest.stack(refined), seeds, FINAL, problem.config.evaluation.std_penalty
+            )
+            contenders = [
+                Contender(tree, float(value), POLISH) for tree, value in zip(refined, fitness, strict=True)
+            ]
+            state = replace(state, archive=offer(problem, state.archive, contenders))
+        except LimitReachedError:
+            break
+    return state
+
+
+def _settled(problem: Problem, trees: list[DecisionTree]) -> list[DecisionTree]:
+    """Return snapped trees on the best constants near by: snapping rounds each number by itself, but they depend."""
+    episodes = problem.config.polish.settling_episodes
+    if episodes == 0 or not problem.config.refiner.write_back:
+        return trees
+    seeds = episode_seeds("training", episodes, stream(problem.config.seed, "settling"))
+    grammar, penalty = problem.tables.grammar, problem.config.evaluation.std_penalty
+    return [
+        settle(
+            tree,
+            lambda some: constants_near(some, grammar, _STRIDES),
+            lambda forest: measure(problem.backend, forest, seeds, FINAL, penalty),
+        )
+        for tree in trees
+    ]
+
+
+def contenders_of(problem: Problem, state: SearchState) -> list[Contender | Member]:
+    """Return who competes for the champion: all kept trees, the fittest individual and the best refined tree.
+
+    Without an archive it is the fitter of the last two alone, as in the thesis.
+    """
+    population = state.population
+    best = population.best
+    fittest: list[Contender] = []
+    if np.isfinite(population.fitness[best]):
+        codons = population.codons[[best]]
+        full = map_population(codons, problem.tables, problem.config.ge.wraps).tree(0)
+        fittest.append(Contender(full, float(population.fitness[best]), POPULATION))
+    if state.best_refined is not None:
+        fittest.append(state.best_refined)
+    if problem.config.archive.keep == 0:
+        return sorted(fittest, key=lambda contender: -contender.fitness)[:1]
+    return [*fittest, *state.archive.members]
+
+
+def choose(problem: Problem, contenders: Sequence[Contender | Member]) -> tuple[Finalist, tuple[Finalist, ...]]:
+    """Choose the champion and the best tree of each size by validation, pruned on the same episodes.
+
+    Of equally good trees the one with fewer decision nodes is taken, then the one that stands first.
+
+    Args:
+        problem: What is searched.
+        contenders: At least one.
+
+    Returns:
+        The champion, and the best of each size from small to large.
+    """
+    trees = [contender.tree for contender in contenders]
+    outcomes = evaluate_what_fits(problem, trees, validation_seeds(problem.config), VALIDATION, visits=True)
+    pruned = prune_all(trees, outcomes.leaf_visits)
+    finalists = [
+        Finalist(
+            full=contender.tree,
+            pruned=tree,
+            origin=contender.origin,
+            train_fitness=contender.train_fitness if isinstance(contender, Member) else contender.fitness,
+            archive_fitness=contender.archive_fitness if isinstance(contender, Member) else None,
+            validation_returns=returns,
+        )
+        for contender, tree, returns in zip(contenders, pruned, outcomes.returns, strict=True)
+    ]
+    fitness = fitness_of(outcomes.returns, problem.config.evaluation.std_penalty)
+    order = sorted(range(len(trees)), key=lambda i: (-fitness[i], pruned[i].num_decision_nodes, i))
+    best: dict[int, Finalist] = {}
+    for i in order:
+        best.setdefault(pruned[i].num_decision_nodes, finalists[i])
+    return finalists[order[0]], tuple(best[size] for size in sorted(best))
+
+
+def examine(problem: Problem, champion: Finalist, by_size: Sequence[Finalist]) -> Verdict:
+    """Test the champion, pruned and as it was, and the best tree of each size on unseen episodes.
+
+    Args:
+        problem: What is searched.
+        champion: The champion.
+        by_size: The best tree of each size; they are left out without an archive.
+    """
+    kept = tuple(by_size) if problem.config.archive.keep > 0 else ()
+    trees = [champion.pruned, champion.full, *(finalist.pruned for finalist in kept)]
+    # A champion stands among the best of each size too, and is often pruned already: each tree is tested once.
+    different = list(dict.fromkeys(trees))
+    outcomes = evaluate_what_fits(problem, different, test_seeds(problem.config), TEST)
+    returns = dict(zip(different, outcomes.returns, strict=True))
+    n_episodes = outcomes.returns.shape[1]
+    return Verdict(
+        champion=champion,
+        test_returns=returns[champion.pruned],
+        test_returns_full=returns[champion.full],
+        by_size=kept,
+        test_returns_by_size=np.array([returns[one.pruned] for one in kept]).reshape(len(kept), n_episodes),
+    )
+
+
+def evaluate_what_fits(
+    problem: Problem, trees: Sequence[DecisionTree], seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
+) -> Outcomes:
+    """Run trees on as many of the episodes as the backend's limit lets them, but on a first few in any case.
+
+    Args:
+        problem: What is searched.
+        trees: The trees.
+        seeds: [E] episode seeds, taken from the first on.
+        purpose: Under which the steps are counted.
+        visits: Whether visits are counted.
+    """
+    backend, forest = problem.backend, Forest.stack(trees)
+    limit = backend.limit
+    if limit is None:
+        return backend.evaluate(forest, seeds, purpose, visits=visits)
+    backend.limit = None
+    parts = [backend.evaluate(forest, seeds[:_EPISODES_AT_ONCE], purpose, visits=visits)]
+    backend.limit = limit
+    done, size = _EPISODES_AT_ONCE, _EPISODES_AT_ONCE
+    while done < len(seeds):
+        try:
+            parts.append(backend.evaluate(forest, seeds[done : done + size], purpose, visits=visits))
+        except LimitReachedError:
+            break
+        done, size = done + size, 2 * size
+    counted = [part.leaf_visits for part in parts if part.leaf_visits is not None]
+    return Outcomes(
+        returns=np.concatenate([part.returns for part in parts], axis=1),
+        lengths=np.concatenate([part.lengths for part in parts], axis=1),
+        leaf_visits=np.sum(counted, axis=0) if counted else None,
+    )
