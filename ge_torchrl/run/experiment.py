@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ge_torchrl import __version__
 from ge_torchrl.artefacts.folder import RunFolder
-from ge_torchrl.artefacts.records import Summary
+from ge_torchrl.artefacts.records import ArchiveRecord, Summary
 from ge_torchrl.compilation import is_compiled_before
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend, LimitReachedError
@@ -39,6 +39,7 @@ from ge_torchrl.search.conclusion import (
     contenders_of,
     examine,
     refine_once_more,
+    train_fitness_of,
 )
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.state import Events, SearchState
@@ -168,7 +169,7 @@ class _Run:
         found = "no tree was there yet"
         state = self.search.state
         if state is not None and (contenders := contenders_of(self.problem, state)):
-            best = max(contenders, key=lambda one: getattr(one, "fitness", -float("inf")))
+            best = max(contenders, key=train_fitness_of)
             write_untested(self.config, self.names, self.folder, best.tree, state.archive)
             found = f"the best tree so far is in {self.folder.path}, untested"
         if isinstance(fault, UserError):
@@ -216,7 +217,7 @@ class _Run:
             warnings=tuple(self.warnings),
         )
 
-    def _tell(self, summary: Summary, verdict: Verdict, records: list) -> None:
+    def _tell(self, summary: Summary, verdict: Verdict, records: list[ArchiveRecord]) -> None:
         path = self.folder.path
         shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
         controller = Controller(verdict.champion.pruned, self.names)

@@ -147,8 +147,13 @@ def contenders_of(problem: Problem, state: SearchState) -> list[Contender | Memb
     if state.best_refined is not None:
         fittest.append(state.best_refined)
     if problem.config.archive.keep == 0:
-        return sorted(fittest, key=lambda contender: -contender.fitness)[:1]
+        return [max(fittest, key=lambda contender: contender.fitness)] if fittest else []
     return [*fittest, *state.archive.members]
+
+
+def train_fitness_of(contender: Contender | Member) -> float:
+    """Return a tree's fitness on training episodes."""
+    return contender.train_fitness if isinstance(contender, Member) else contender.fitness
 
 
 def choose(problem: Problem, contenders: Sequence[Contender | Member]) -> tuple[Finalist, tuple[Finalist, ...]]:
@@ -171,7 +176,7 @@ def choose(problem: Problem, contenders: Sequence[Contender | Member]) -> tuple[
             full=contender.tree,
             pruned=tree,
             origin=contender.origin,
-            train_fitness=contender.train_fitness if isinstance(contender, Member) else contender.fitness,
+            train_fitness=train_fitness_of(contender),
             archive_fitness=contender.archive_fitness if isinstance(contender, Member) else None,
             validation_returns=returns,
         )

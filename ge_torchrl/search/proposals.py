@@ -266,7 +266,7 @@ def propose_kept(problem: Problem, archive: Archive, generation: int) -> list[Pr
     settings = problem.config.archive
     rng = stream(problem.config.seed, f"revisits, generation {generation}")
     members = [member for member in archive.members if member.tree.num_decision_nodes > 0]
-    chosen = rng.choice(len(members), size=min(settings.revisits, len(members)), replace=False) if members else []
+    chosen = rng.permutation(len(members))[: settings.revisits]
     effort = Effort(settings.revisit_factor)
     return [
         Proposal(members[i].tree, KEPT, members[i].archive_fitness, effort=effort, chosen="random")
