@@ -16,6 +16,7 @@ class ArchiveConfig(Section):
         8,
         at_least=0,
         because="it counts trees; 0 keeps no archive",
+        dear=3,
         doc="Trees of each number of decision nodes that are kept until validation chooses, each of another structure; "
         "0: no archive.",
     )
@@ -23,6 +24,7 @@ class ArchiveConfig(Section):
         1000,
         at_least=1,
         because="trees are kept by a mean over episodes",
+        dear=50,
         doc="Episodes of its own that measure what is offered.",
     )
     max_nodes: int = setting(
@@ -32,42 +34,49 @@ class ArchiveConfig(Section):
         26,
         at_least=0,
         because="it counts trees",
+        dear=6,
         doc="Trees one or two edits away from kept ones that are proposed in a scheduled generation.",
     )
     neighbours_drawn: int = setting(
         500,
         at_least=1,
         because="neighbours are chosen among those drawn",
+        dear=40,
         doc="Neighbours drawn and measured on the training episodes, from which they are chosen.",
     )
     revisits: int = setting(
         1,
         at_least=0,
         because="it counts trees",
+        dear=1,
         doc="Kept trees that are proposed again in a scheduled generation.",
     )
     revisit_factor: int = setting(
         5,
         at_least=1,
         because="a revisit measures at least as well as a first refinement",
+        dear=2,
         doc="How many times the episodes and steps such a refinement takes.",
     )
     migrants: int = setting(
         20,
         at_least=0,
         because="it counts individuals",
+        dear=10,
         doc="Kept trees that take the places of the least fit individuals after a scheduled generation.",
     )
     final_keep: int = setting(
         8,
         at_least=0,
         because="it counts trees",
+        dear=0,
         doc="Kept trees of each number of decision nodes that are refined once more after evolution; 0: none.",
     )
     final_factor: int = setting(
         20,
         at_least=1,
         because="it multiplies a budget",
+        dear=5,
         doc="How many times the episodes and steps this takes.",
     )
     final_patience: int = setting(

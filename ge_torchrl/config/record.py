@@ -9,8 +9,14 @@ from ge_torchrl.config import keys
 from ge_torchrl.config.archive import ArchiveConfig
 from ge_torchrl.config.refinement import PolishConfig, RefinerConfig
 from ge_torchrl.config.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
-from ge_torchrl.config.setting import Section, default_of, nested, setting
+from ge_torchrl.config.setting import Section, default_of, follows_speed, nested, setting
 from ge_torchrl.errors import ConfigError
+
+# From so many environment steps a second on, steps are nearly free: kernels make a hundred times as many, and anything
+# else a tenth.
+_NEARLY_FREE = 1e6
+# What a run may take where steps are dear and nobody set a limit [s].
+_DEAR_SECONDS = 180
 
 
 @dataclass(frozen=True)
@@ -37,14 +43,14 @@ class Config(Section):
         """Refuse proposals from the archive that would silently be left out."""
         if not self.archive.enabled:
             for name in ("neighbours", "revisits", "migrants", "final_keep"):
-                if getattr(self.archive, name) > 0:
+                if (getattr(self.archive, name) or 0) > 0:
                     self.archive.refuse(
                         name, "0", "nothing is kept with archive.keep=0 (archive=none sets all)", 0
                     )
         if not self.refiner.enabled and not self.polish.enabled:
             for name in ("neighbours", "revisits", "final_keep"):
-                if getattr(self.archive, name) > 0:
-                    because = "nothing refines trees with refiner.method=none and polish.every=null"
+                if (getattr(self.archive, name) or 0) > 0:
+                    because = "nothing refines trees with refiner.method=none and polish.every=0"
                     self.archive.refuse(name, "0", f"{because} (refiner=none sets all)", 0)
 
     @classmethod
@@ -64,6 +70,38 @@ class Config(Section):
         """Return nested plain values, ready for YAML or JSON; `from_mapping` takes them back."""
         plain: dict[str, Any] = _plain(asdict(self))
         return plain
+
+    def resolved(self, steps_per_second: float) -> "Config":
+        """Return the configuration with everything that was left open decided by the environment's speed.
+
+        Args:
+            steps_per_second: Environment steps a second of small trees.
+        """
+        free = steps_per_second >= _NEARLY_FREE
+        values = _decided(self, free=free)
+        keeps, polishes = values["archive"]["keep"] > 0, values["polish"]["every"] > 0
+        for name in ("neighbours", "revisits", "final_keep", "migrants"):
+            is_idle = not keeps or (name != "migrants" and not self.refiner.enabled and not polishes)
+            if is_idle and getattr(self.archive, name) is None:
+                values["archive"][name] = 0
+        if not free and self.ge.max_env_steps is None and self.ge.max_seconds is None:
+            values["ge"]["max_env_steps"] = max(1, int(float(f"{_DEAR_SECONDS * steps_per_second:.2g}")))
+        values["evaluation"]["steps_per_second"] = float(f"{steps_per_second:.2g}")
+        return Config.from_mapping(values)
+
+
+def _decided(section: Section, *, free: bool) -> dict[str, Any]:
+    """Return the values of a section, those that follow the speed decided."""
+    values: dict[str, Any] = {}
+    for entry in fields(section):  # type: ignore[arg-type]
+        value = getattr(section, entry.name)
+        if isinstance(value, Section):
+            values[entry.name] = _decided(value, free=free)
+        elif value is None and follows_speed(entry):
+            values[entry.name] = entry.default if free else entry.metadata["dear"]
+        else:
+            values[entry.name] = _plain(value)
+    return values
 
 
 def template(record: type[Section] = Config) -> dict[str, Any]:

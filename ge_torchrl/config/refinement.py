@@ -102,6 +102,7 @@ class PPOConfig(Section):
         100,
         at_least=0,
         because="it counts episodes; 0 takes the last tree",
+        dear=10,
         doc="Episodes on which the hard tree is measured after every update, so that the best one comes back; 0 "
         "brings back the last one, as in the thesis.",
     )
@@ -133,11 +134,12 @@ class PolishConfig(Section):
 
     SECTION: ClassVar[str] = "polish"
 
-    every: int | None = setting(
+    every: int = setting(
         1,
-        at_least=1,
-        because="it counts generations",
-        doc="After every so many generations, not in generation 0; null: no polish.",
+        at_least=0,
+        because="it counts generations; 0 polishes nothing",
+        dear=0,
+        doc="After every so many generations, not in generation 0; 0: no polish.",
     )
     max_timesteps: int = setting(
         300_000,
@@ -184,11 +186,11 @@ class PolishConfig(Section):
     @property
     def enabled(self) -> bool:
         """Whether there is any polish."""
-        return self.every is not None
+        return self.every != 0
 
     def applies_to(self, generation: int) -> bool:
         """Tell whether trees are polished in this generation."""
-        return _is_due(self.every, generation)
+        return _is_due(self.every or None, generation)
 
 
 @dataclass(frozen=True)
@@ -207,6 +209,7 @@ class RefinerConfig(Section):
         1,
         at_least=1,
         because="a scheduled generation refines at least one tree",
+        dear=2,
         doc="Individuals of the population that are refined in a scheduled generation.",
     )
     choice: str = setting(
@@ -232,6 +235,7 @@ class RefinerConfig(Section):
         1000,
         at_least=0,
         because="it counts episodes; 0 accepts every tree",
+        dear=60,
         doc="Unseen episodes on which a refined tree has to be better, or its source comes back as it was; 0 accepts "
         "every tree, as in the thesis.",
     )
@@ -242,6 +246,7 @@ class RefinerConfig(Section):
         100,
         at_least=1,
         because="a return is a mean over episodes",
+        dear=30,
         doc="Unseen episodes that measure a tree before and after its refinement.",
     )
     write_back: bool = setting(

@@ -121,7 +121,8 @@ class GEConfig(Section):
         None,
         at_least=1,
         because="a run needs steps to measure fitness",
-        doc="Environment steps that the whole run may take; null: any.",
+        doc="Environment steps that the whole run may take; null: any where steps are nearly free, elsewhere what three "
+        "minutes make.",
     )
 
     def check_together(self) -> None:
@@ -154,6 +155,7 @@ class EvaluationConfig(Section):
         20,
         at_least=1,
         because="fitness is a mean over episodes",
+        dear=8,
         doc="Episodes whose mean return is an individual's fitness.",
     )
     episode_seeds: str = setting(
@@ -172,6 +174,7 @@ class EvaluationConfig(Section):
         5000,
         at_least=1,
         because="validation is a mean over episodes",
+        dear=200,
         doc="Episodes that choose among the champions and prune them.",
     )
     champion_candidates: int = setting(
@@ -184,6 +187,7 @@ class EvaluationConfig(Section):
         1000,
         at_least=1,
         because="the test is a mean over episodes",
+        dear=200,
         doc="Unseen episodes of the final test.",
     )
     threads: int = setting(

@@ -9,6 +9,8 @@ from typing import Any, ClassVar, Union, cast, get_args, get_origin
 from ge_torchrl.checks import UNSET, Kind, Rule, checked, refuse
 
 REQUIRED = MISSING
+NOT_BY_SPEED = object()
+"""Instead of a value for dear steps: the setting does not follow the environment's speed."""
 _KINDS: dict[type, Kind] = {int: "integer", float: "number", bool: "flag", str: "text"}
 
 
@@ -24,8 +26,13 @@ def setting(
     because: str = "",
     text: str = "a text",
     renamed: tuple[tuple[str, str], ...] = (),
+    dear: Any = NOT_BY_SPEED,
 ) -> Any:
     """Declare a setting; type and whether null is allowed are those of the annotation.
+
+    A setting with `dear` follows the speed of the environment where the user leaves it open, that is, null: it is the
+    default where steps are nearly free, and `dear` elsewhere (`Config.resolved`). Its annotation is that of the
+    resolved value, which is all that a search ever sees.
 
     Args:
         default: The value where none is given; without it the user has to give one.
@@ -38,6 +45,7 @@ def setting(
         because: Why the range is what it is.
         text: What a text is.
         renamed: Former texts and what they are called now.
+        dear: The value where steps of the environment are dear.
     """
     declared = {
         "at_least": at_least,
@@ -49,7 +57,7 @@ def setting(
         "text": text,
         "renamed": renamed,
     }
-    metadata = {"doc": doc, "declared": declared}
+    metadata = {"doc": doc, "declared": declared, "dear": dear}
     return field(metadata=metadata) if default is REQUIRED else field(default=default, metadata=metadata)
 
 
@@ -97,14 +105,22 @@ def nested(entry: Field[Any]) -> type[Section] | None:
 
 
 def default_of(entry: Field[Any]) -> Any:
-    """Return the default of a setting, `UNSET` where the user has to give one."""
+    """Return the default of a setting: `UNSET` where the user has to give one, null where it follows the speed."""
+    if follows_speed(entry):
+        return None
     return UNSET if entry.default is MISSING else entry.default
+
+
+def follows_speed(entry: Field[Any]) -> bool:
+    """Tell whether a setting that is left open follows the speed of the environment."""
+    return entry.metadata.get("dear", NOT_BY_SPEED) is not NOT_BY_SPEED
 
 
 @cache
 def rule_of(entry: Field[Any]) -> Rule:
     """Return what a setting allows: its annotation and what was declared with it."""
     kind, many, optional = _read(entry.type)
+    optional = optional or follows_speed(entry)
     return Rule(kind=kind, many=many, optional=optional, **entry.metadata["declared"])
 
 
