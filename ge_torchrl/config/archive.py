@@ -92,4 +92,4 @@ class ArchiveConfig(Section):
     @property
     def enabled(self) -> bool:
         """Whether there is an archive."""
-        return self.keep > 0
+        return self.keep != 0
