@@ -21,7 +21,7 @@ from ge_torchrl.search.fitness import Fitness, measure, training_seeds
 from ge_torchrl.search.population import Population
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.seeding import stream
-from ge_torchrl.trees.edits import Neighbourhood, neighbours
+from ge_torchrl.trees.edits import Neighbourhood, forest_of
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import simplify
 from ge_torchrl.trees.tree import DecisionTree
@@ -280,12 +280,11 @@ def _draw(problem: Problem, archive: Archive, rng: np.random.Generator) -> Fores
     fitness = np.array([member.archive_fitness for member in members])
     features = np.flatnonzero([len(of) > 0 for of in problem.tables.grammar.constants])
     hoods: dict[int, Neighbourhood] = {}
-    parents = []
+    drawn = []
     for _ in range(problem.config.archive.neighbours_drawn):
         entrants = rng.integers(len(members), size=int(rng.integers(1, 3)))
         parent = int(entrants[np.argmax(fitness[entrants])])
         if parent not in hoods:
             hoods[parent] = Neighbourhood(members[parent].tree, members[parent].observed)
-        parents.append(hoods[parent])
-    forest = neighbours(parents, features, spec.n_actions, rng)
-    return simplify(forest, *problem.backend.bounds)
+        drawn.append(hoods[parent].draw(features, spec.n_actions, rng))
+    return simplify(forest_of(drawn), *problem.backend.bounds)
