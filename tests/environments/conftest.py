@@ -1,0 +1,18 @@
+import pytest
+
+from ge_torchrl.environments.kernel_backend import KernelBackend
+from ge_torchrl.environments.spec import describe
+
+
+@pytest.fixture
+def opened():
+    """Open backends that are closed at the end."""
+    backends = []
+
+    def open_one(environment_id, threads=1, **described):
+        backends.append(KernelBackend(describe(environment_id, **described), threads))
+        return backends[-1]
+
+    yield open_one
+    for backend in backends:
+        backend.close()

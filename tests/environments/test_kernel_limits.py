@@ -1,0 +1,116 @@
+"""The kernel backend's jobs, its limits of steps and of time, and its signs of life."""
+
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from trees_of_all_kinds import PUBLISHED
+
+from ge_torchrl.environments.backend import Limit, LimitReachedError
+from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
+
+leaf = DecisionTree.leaf
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+def test_jobs_give_their_results_in_their_order_and_their_errors(n_threads, opened):
+    backend = opened("CartPole-v1", n_threads)
+    interval, seeds = sys.getswitchinterval(), np.arange(3)
+    job_trees = [leaf(0), leaf(1), PUBLISHED["CartPole-v1"][0]]
+
+    def job(tree):
+        return lambda own: own.evaluate(Forest.stack([tree]), seeds, "polish").returns[0].tolist()
+
+    def broken(_):
+        raise ValueError("a job broke")
+
+    together = backend.run_jobs([job(tree) for tree in job_trees])
+    counted = backend.steps["polish"]
+    expected = [backend.evaluate(Forest.stack([tree]), seeds, "again") for tree in job_trees]
+    assert together == [outcomes.returns[0].tolist() for outcomes in expected]
+    assert counted == backend.steps["again"]
+    assert backend.run_jobs([]) == []
+    with pytest.raises(ValueError, match="a job broke"):
+        backend.run_jobs([job(job_trees[0]), broken])
+    assert backend.limit is None
+    assert sys.getswitchinterval() == interval, "Python's threads take turns as they did before"
+
+
+def good_trees(n):
+    tree = PUBLISHED["CartPole-v1"][0]
+    return Forest.of_parameters(tree, np.tile(tree.parameters, (n, 1)))
+
+
+@pytest.mark.parametrize("n_trees", [1, 50])
+def test_a_limit_of_steps_ends_a_call_at_the_same_step_on_any_number_of_threads(n_trees, opened):
+    allowed, ends = 400_000, set()
+    for threads in (1, 2, 3):
+        backend = opened("CartPole-v1", threads)
+        backend.limit = Limit(max_env_steps=allowed)
+        with pytest.raises(LimitReachedError) as reached:
+            # A million steps, were it not for the limit.
+            backend.evaluate(good_trees(n_trees), np.arange(2000 // n_trees), "validation")
+        assert reached.value.reason == "max_env_steps"
+        with pytest.raises(LimitReachedError):
+            backend.record(leaf(0), 0)
+        with pytest.raises(LimitReachedError):
+            backend.run_jobs([lambda own: own.observe([leaf(0)], 9, [np.random.default_rng(0)], "x")] * 2)
+        ends.add(backend.steps.total())
+    assert len(ends) == 1
+    assert allowed <= ends.pop() <= 1.1 * allowed
+
+
+def test_what_stays_below_the_limit_is_not_disturbed_by_it(opened):
+    free, limited = opened("CartPole-v1", 2), opened("CartPole-v1", 2)
+    seeds = np.arange(10)
+    expected = free.evaluate(good_trees(10), seeds, "test")
+    limited.limit = Limit(max_env_steps=expected.env_steps)
+    outcomes = limited.evaluate(good_trees(10), seeds, "test")
+    np.testing.assert_array_equal(outcomes.returns, expected.returns)
+    with pytest.raises(LimitReachedError):
+        limited.evaluate(good_trees(1), seeds, "test")
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_limit_of_time_ends_a_long_call_and_signs_of_life_are_given_in_it(threads, opened):
+    backend, beats = opened("Acrobot-v1", threads), []
+    backend.evaluate(Forest.stack([leaf(1)]), np.arange(30), "warm-up")
+    backend.on_steps = lambda n_steps: beats.append((time.perf_counter(), n_steps, threading.get_ident()))
+    started = time.perf_counter()
+    backend.limit = Limit(deadline=started + 1.5)
+    with pytest.raises(LimitReachedError) as reached:
+        # Half a minute and more: a free end that hangs, 500 million steps.
+        backend.evaluate(Forest.stack([leaf(1)] * 100), np.arange(10_000), "validation")
+    assert reached.value.reason == "max_seconds"
+    # A tenth more is allowed; the rest is for machines with other work.
+    assert time.perf_counter() - started < 1.5 * 1.1 + 0.5
+    moments, steps, idents = map(list, zip(*beats, strict=True))
+    assert max(np.diff([started, *moments])) < 1.0
+    assert steps == sorted(steps)
+    assert steps[-1] > 1_000_000
+    assert set(idents) == {threading.get_ident()}
+
+
+def test_jobs_too_hold_the_limit_of_time(opened):
+    backend = opened("Acrobot-v1", 2)
+
+    def endless(own):
+        while True:
+            own.evaluate(Forest.stack([leaf(1)]), np.arange(30), "polish")
+
+    started = time.perf_counter()
+    backend.limit = Limit(deadline=started + 0.3)
+    with pytest.raises(LimitReachedError):
+        backend.run_jobs([endless, endless, endless])
+    assert time.perf_counter() - started < 1.0
+
+    def broken(_):
+        raise ValueError("a job broke")
+
+    backend.limit = None
+    with pytest.raises(ValueError, match="a job broke"):
+        backend.run_jobs([broken, endless])
+    assert backend.limit is None
