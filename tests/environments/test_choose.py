@@ -63,5 +63,7 @@ def test_the_kernel_is_refused_where_there_is_none(countdown, opened):
 
 
 def test_other_routes_are_refused():
-    with pytest.raises(ValueError, match=r'env\.route must be "auto", "kernel" or "gymnasium"; got "?\'?compiled'):
+    with pytest.raises(
+        ValueError, match=r'env\.route must be "auto", "kernel" or "gymnasium"; got "?\'?compiled'
+    ):
         open_backend(describe("CartPole-v1"), "compiled")
