@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from ge_torchrl.errors import EnvironmentFaultError
-from ge_torchrl.trees.labels import TreeLabels
+from ge_torchrl.trees.controller import Names
 
 # An environment without an episode limit of its own gets this one, so that a run always ends.
 UNBOUNDED_EPISODE_STEPS = 100_000
+
+# What `gym.make` gives: observations and actions are whatever the spaces say.
+GymEnvironment = gym.Env[Any, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,19 +27,20 @@ class EnvironmentSpec:
     """An environment with a flat Box observation and Discrete actions.
 
     Attributes:
-        id: Gymnasium id.
-        labels: Names of features, units and actions, [D] and [A].
-        low: [D] float32, lower bounds of the observation space, possibly infinite.
+        id: What `gym.make` takes: a Gymnasium id, with a `module:` in front where a module registers it.
+        names: How the environment is made, and the names of its features, units and actions.
+        low: [D] float32, lower bounds that the environment declares, possibly infinite and possibly untrue: what was
+            seen of them is in `GymnasiumBackend.bounds`.
         high: [D] float32, upper bounds.
         max_episode_steps: Steps after which an episode is truncated.
-        has_limit: Whether that limit is the environment's or the user's own; without one, an episode that reaches
-            UNBOUNDED_EPISODE_STEPS is a fault.
-        first_action: The number of the first action (`Discrete(n, start=first_action)`), nearly always 0.
+        has_limit: Whether that limit is the environment's or the user's own.
+        first_action: The number of the first action (`Discrete(n, start=first_action)`), nearly always 0. Trees count
+            from 0 everywhere; the environment is given its own number at the border.
         solved_at: Mean return from which the task counts as solved; None where there is no such agreement.
     """
 
     id: str
-    labels: TreeLabels
+    names: Names
     low: NDArray[np.float32]
     high: NDArray[np.float32]
     max_episode_steps: int
@@ -44,12 +51,12 @@ class EnvironmentSpec:
     @property
     def n_features(self) -> int:
         """Number of entries of an observation, D."""
-        return len(self.labels.features)
+        return len(self.names.features)
 
     @property
     def n_actions(self) -> int:
         """Number of actions, A."""
-        return len(self.labels.actions)
+        return len(self.names.actions)
 
     def is_solved(self, mean_return: float) -> bool:
         """Tell whether a mean return reaches the threshold; False where there is none."""
@@ -57,25 +64,27 @@ class EnvironmentSpec:
 
 
 def make_gymnasium(
-    environment_id: str, max_episode_steps: int | None = None
-) -> gym.Env[NDArray[np.float32], int]:
+    environment: EnvironmentSpec | str, max_episode_steps: int | None = None, render_mode: str | None = None
+) -> GymEnvironment:
     """Make the Gymnasium environment.
+
+    Args:
+        environment: A description, whose limit, arguments and wrappers are kept, or an id.
+        max_episode_steps: Episode limit for an id; None takes the environment's own.
+        render_mode: As `gym.make` takes it.
 
     Raises:
         EnvironmentFaultError: It is unknown or cannot be made, with the reason and the remedy where one is known.
     """
-    try:
-        # Our own routes check what comes back, and name the seed, step and action with it.
-        return gym.make(environment_id, max_episode_steps=max_episode_steps, disable_env_checker=True)
-    except gym.error.DependencyNotInstalled as error:
-        raise EnvironmentFaultError(
-            f"env.id={environment_id} needs packages that are not installed ({error}); "
-            f'for Box2D environments: pip install "ge-torchrl[box2d]"'
-        ) from error
-    except gym.error.Error as error:
-        raise EnvironmentFaultError(
-            f"env.id must be the id of an installed Gymnasium environment; got {environment_id!r} ({error})"
-        ) from error
+    if isinstance(environment, str):
+        return _make(environment, max_episode_steps, {}, (), render_mode)
+    limit = environment.max_episode_steps if environment.has_limit else None
+    return _make(environment.id, limit, environment.names.kwargs, environment.names.wrappers, render_mode)
+
+
+def registered_id(environment_id: str) -> str:
+    """Return the id as Gymnasium's registry knows it: without `module:`, which is for `gym.make` alone."""
+    return environment_id.rpartition(":")[2]
 
 
 def describe(
@@ -85,22 +94,27 @@ def describe(
     actions: tuple[str, ...] = (),
     solved_at: float | None = None,
     max_episode_steps: int | None = None,
+    kwargs: Mapping[str, Any] | None = None,
+    wrappers: Sequence[str] = (),
 ) -> EnvironmentSpec:
     """Describe a Gymnasium environment, with names for what it calls by number.
 
     Args:
-        environment_id: Gymnasium id.
+        environment_id: What `gym.make` takes.
         features: [D] names; none means `x0, x1, ...`.
         units: [D] units; none means no units.
         actions: [A] names; none means `a0, a1, ...`.
         solved_at: Mean return from which the task is solved; None takes the environment's registered threshold.
         max_episode_steps: Episode limit; None takes the environment's own.
+        kwargs: What else `gym.make` is given.
+        wrappers: Wrappers to put around it, innermost first, each written `module:Class`.
 
     Raises:
         EnvironmentFaultError: The environment is unknown, its spaces are not a flat Box and a Discrete, or the
             names do not fit them.
     """
-    environment = make_gymnasium(environment_id, max_episode_steps)
+    given = dict(kwargs or {})
+    environment = _make(environment_id, max_episode_steps, given, wrappers, None)
     observation_space, action_space, registered = (
         environment.observation_space,
         environment.action_space,
@@ -109,11 +123,13 @@ def describe(
     environment.close()
     if not isinstance(observation_space, spaces.Box) or len(observation_space.shape) != 1:
         raise EnvironmentFaultError(
-            f"{environment_id} must observe a flat Box, since a split compares one number; got {observation_space}"
+            f"env.id={environment_id} must observe a flat Box, since a split compares one number; got "
+            f"{_one_line(observation_space)} (gymnasium.wrappers.FlattenObservation makes one)"
         )
     if not isinstance(action_space, spaces.Discrete):
         raise EnvironmentFaultError(
-            f"{environment_id} must have Discrete actions, since a leaf holds one of them; got {action_space}"
+            f"env.id={environment_id} must have Discrete actions, since a leaf holds one of them; "
+            f"got {_one_line(action_space)}"
         )
     n_features, n_actions = observation_space.shape[0], int(action_space.n)
     _check_number("features", features, n_features, environment_id)
@@ -121,16 +137,22 @@ def describe(
     _check_number("actions", actions, n_actions, environment_id)
     limit = registered.max_episode_steps if registered is not None else None
     threshold = registered.reward_threshold if registered is not None else None
+    # A float64 bound may lie beyond every float32: it is none.
+    with np.errstate(over="ignore"):
+        low, high = observation_space.low.astype(np.float32), observation_space.high.astype(np.float32)
     return EnvironmentSpec(
         id=environment_id,
-        labels=TreeLabels(
-            environment_id,
-            features or tuple(f"x{i}" for i in range(n_features)),
-            units or ("",) * n_features,
-            actions or tuple(f"a{i}" for i in range(n_actions)),
+        names=Names(
+            id=environment_id,
+            features=features or tuple(f"x{i}" for i in range(n_features)),
+            units=units or ("",) * n_features,
+            actions=actions or tuple(f"a{i}" for i in range(n_actions)),
+            kwargs=given,
+            wrappers=tuple(wrappers),
+            max_episode_steps=max_episode_steps,
         ),
-        low=observation_space.low.astype(np.float32),
-        high=observation_space.high.astype(np.float32),
+        low=low,
+        high=high,
         max_episode_steps=limit or UNBOUNDED_EPISODE_STEPS,
         has_limit=limit is not None,
         first_action=int(action_space.start),
@@ -138,8 +160,45 @@ def describe(
     )
 
 
+def _make(
+    environment_id: str,
+    max_episode_steps: int | None,
+    kwargs: Mapping[str, Any],
+    wrappers: Sequence[str],
+    render_mode: str | None,
+) -> GymEnvironment:
+    given = dict(kwargs) if render_mode is None else {**kwargs, "render_mode": render_mode}
+    try:
+        # Our own border checks what comes back, and names the seed, step and action with it.
+        environment: GymEnvironment = gym.make(
+            environment_id, max_episode_steps=max_episode_steps, disable_env_checker=True, **given
+        )
+        for wrapper in wrappers:
+            environment = load_env_creator(wrapper)(environment)
+    except gym.error.DependencyNotInstalled as error:
+        raise EnvironmentFaultError(
+            f"env.id={environment_id} needs packages that are not installed ({_one_line(error)}); "
+            f'for Box2D environments: pip install "ge-torchrl[box2d]"'
+        ) from error
+    except (gym.error.Error, ImportError) as error:
+        raise EnvironmentFaultError(
+            f"env.id must be the id of an installed Gymnasium environment, as in env.id=CartPole-v1 or "
+            f"env.id=module:Name-v0; got {environment_id!r} ({_one_line(error)})"
+        ) from error
+    except Exception as error:
+        raise EnvironmentFaultError(
+            f"env.id={environment_id} raised {error!r} while it was made"
+        ) from error
+    return environment
+
+
 def _check_number(what: str, names: tuple[str, ...], expected: int, environment_id: str) -> None:
     if names and len(names) != expected:
         raise EnvironmentFaultError(
-            f"env.{what} must name the {expected} {what} of {environment_id}, or none; got {len(names)} names"
+            f"env.{what} must name the {expected} {what} of {environment_id}, or none (env.{what}=[]); "
+            f"got {len(names)} names"
         )
+
+
+def _one_line(value: object) -> str:
+    return " ".join(str(value).split())
