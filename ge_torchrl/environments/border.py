@@ -1,0 +1,220 @@
+"""The border of a Gymnasium environment: what comes over it is checked, float32, and counted from 0.
+
+Every way to step Gymnasium goes through here, so a fault reads the same everywhere: what, seed, step, action.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Any
+
+import numpy as np
+from gymnasium import wrappers
+from numpy.typing import NDArray
+
+from ge_torchrl.environments.spec import EnvironmentSpec, GymEnvironment, make_gymnasium
+from ge_torchrl.errors import EnvironmentFaultError
+
+_logger = logging.getLogger(__name__)
+
+_FLOAT32 = np.dtype(np.float32)
+_LARGEST = float(np.finfo(np.float32).max)
+# Floats, integers, unsigned ones, Booleans.
+_KINDS_OF_NUMBERS = "fiub"
+_PLAIN_NUMBERS = frozenset({float, int, np.float64, np.float32})
+# They look on, or keep the order of calls, which the border keeps itself: a tenth of a CartPole step.
+_ONLOOKERS = (wrappers.OrderEnforcing, wrappers.PassiveEnvChecker)
+
+
+class Witness:
+    """What was seen of an environment that it had not said of itself.
+
+    Attributes:
+        checks: (feature, low, high) of each feature; a value outside is told to `note`. Changed in place.
+        outside: A value of each feature that was seen outside its declared bounds, or not finite.
+        is_endless: Whether an episode was ended by us, because the environment sets no limit.
+    """
+
+    def __init__(self, spec: EnvironmentSpec) -> None:
+        self._spec = spec
+        self.outside: dict[int, float] = {}
+        self.is_endless = False
+        self._is_outside_reported = self._is_endless_reported = False
+        # Infinity is outside any bounds: it is legal where none are declared, but nobody means it.
+        bounds = zip(spec.low.tolist(), spec.high.tolist(), strict=True)
+        self.checks = [(i, max(low, -_LARGEST), min(high, _LARGEST)) for i, (low, high) in enumerate(bounds)]
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Bounds [D], [D] that every observation so far kept: the declared ones, infinite where they proved untrue."""
+        low, high = self._spec.low.copy(), self._spec.high.copy()
+        features = list(self.outside)
+        low[features], high[features] = -np.inf, np.inf
+        return low, high
+
+    def note(self, observation: list[float]) -> None:
+        """Take note of what is outside its bounds in an observation without NaN."""
+        for feature, low, high in self.checks:
+            if not low <= observation[feature] <= high:
+                self.outside[feature] = observation[feature]
+                self.checks[feature] = (feature, -math.inf, math.inf)
+
+    def hear(self, outside: dict[int, float], *, is_endless: bool) -> None:
+        """Take note of what another witness saw."""
+        for feature, value in outside.items():
+            self.outside.setdefault(feature, value)
+            self.checks[feature] = (feature, -math.inf, math.inf)
+        self.is_endless |= is_endless
+
+    def report(self) -> None:
+        """Warn of what was seen, of each kind of thing once."""
+        spec = self._spec
+        if self.outside and not self._is_outside_reported:
+            self._is_outside_reported = True
+            seen = ", ".join(
+                f"{spec.names.features[i]} = {value:g} (declared: {spec.low[i]:g} to {spec.high[i]:g})"
+                for i, value in sorted(self.outside.items())
+            )
+            _logger.warning(
+                "%s observes what is outside its declared bounds or not finite: %s. "
+                "Trees are not simplified by these bounds.",
+                spec.id,
+                seen,
+            )
+        if self.is_endless and not self._is_endless_reported:
+            self._is_endless_reported = True
+            _logger.warning(
+                "%s sets no episode limit and did not end: its episodes are truncated after %d steps "
+                "(env.max_episode_steps sets another limit).",
+                spec.id,
+                spec.max_episode_steps,
+            )
+
+
+class Border:
+    """One environment, made by the description, stepped without the wrappers that change nothing.
+
+    Args:
+        spec: The environment.
+        witness: Who is told what the environment had not said; shared between borders.
+
+    Attributes:
+        array: [D] float32, the last observation; may be the environment's own array, so it is to be copied.
+        step_number: Steps since the reset.
+    """
+
+    def __init__(self, spec: EnvironmentSpec, witness: Witness) -> None:
+        self._spec, self._witness = spec, witness
+        self._checks = witness.checks
+        self._environment = make_gymnasium(spec)
+        lean, self._limit = _lean(self._environment, spec.max_episode_steps)
+        self._lean_step, self._lean_reset = lean.step, lean.reset
+        self._first_action = spec.first_action
+        self._shape = (spec.n_features,)
+        self._seed = 0
+        self._action: int | None = None
+        self.step_number = 0
+        self.array = np.zeros(self._shape, np.float32)
+
+    def reset(self, seed: int) -> list[float]:
+        """Begin the episode of a seed; return its first observation [D], as Python numbers of float32 precision.
+
+        Raises:
+            EnvironmentFaultError: The environment raised, or observed nonsense.
+        """
+        self._seed, self._action, self.step_number = seed, None, 0
+        try:
+            observation, _ = self._lean_reset(seed=seed)
+        except Exception as error:
+            raise self._fault(f"raised {error!r} in reset") from error
+        return self._read(observation)
+
+    def step(self, action: int) -> tuple[list[float], float, bool, bool]:
+        """Take an action, counted from 0.
+
+        Returns:
+            The observation [D], the reward, whether the task ended the episode, whether its limit did.
+
+        Raises:
+            EnvironmentFaultError: The environment raised, or gave nonsense back.
+        """
+        self._action = action
+        try:
+            observation, reward, terminated, truncated, _ = self._lean_step(action + self._first_action)
+        except Exception as error:
+            raise self._fault(f"raised {error!r}") from error
+        number = float(reward) if type(reward) in _PLAIN_NUMBERS else self._number(reward)
+        if number - number != 0.0:
+            raise self._fault(f"returned a reward that is not a finite number, {number}")
+        values = self._read(observation)
+        self.step_number = step_number = self.step_number + 1
+        if step_number >= self._limit and not truncated:
+            truncated = True
+            if not self._spec.has_limit and not terminated:
+                self._witness.is_endless = True
+        return values, number, bool(terminated), bool(truncated)
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._environment.close()
+
+    def _read(self, observation: Any) -> list[float]:
+        if (
+            type(observation) is not np.ndarray
+            or observation.dtype is not _FLOAT32
+            or observation.shape != self._shape
+        ):
+            observation = self._cast(observation)
+        self.array = observation
+        values: list[float] = observation.tolist()
+        for feature, low, high in self._checks:
+            if not low <= values[feature] <= high:
+                if any(value != value for value in values):
+                    raise self._fault(f"returned an observation with NaN, {values}")
+                self._witness.note(values)
+                break
+        return values
+
+    def _cast(self, observation: Any) -> NDArray[np.float32]:
+        try:
+            raw = np.asarray(observation)
+        except ValueError:
+            raw = np.asarray(None)
+        if raw.dtype.kind not in _KINDS_OF_NUMBERS or raw.shape != self._shape:
+            raise self._fault(
+                f"must return observations of {self._shape[0]} numbers, as its observation space says; "
+                f"got {_short(observation)}, of shape {raw.shape} and type {raw.dtype}"
+            )
+        # What is beyond every float32 becomes infinite, and is reported as such.
+        with np.errstate(over="ignore"):
+            return raw.astype(np.float32)
+
+    def _number(self, reward: Any) -> float:
+        array = np.asarray(reward)
+        if array.ndim > 0 or array.dtype.kind not in _KINDS_OF_NUMBERS:
+            raise self._fault(f"must return a reward that is one number; got {_short(reward)}")
+        return float(array)
+
+    def _fault(self, what: str) -> EnvironmentFaultError:
+        where = f"episode seed {self._seed}, step {self.step_number}"
+        if self._action is not None:
+            where += f", action {self._action} ({self._spec.names.actions[self._action]})"
+        return EnvironmentFaultError(f"env.id={self._spec.id} {what}; {where}")
+
+
+def _lean(environment: GymEnvironment, limit: int) -> tuple[GymEnvironment, int]:
+    """Take off the outer wrappers that change nothing, and `TimeLimit`, whose limit is returned."""
+    inner: Any = environment
+    while type(inner) in (*_ONLOOKERS, wrappers.TimeLimit):
+        if type(inner) is wrappers.TimeLimit:
+            if inner.spec is None:
+                break
+            limit = min(limit, inner.spec.max_episode_steps)
+        inner = inner.env
+    return inner, limit
+
+
+def _short(value: Any) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."

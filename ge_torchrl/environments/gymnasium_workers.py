@@ -1,0 +1,240 @@
+"""Worker processes that play episodes of a Gymnasium environment, counted and stopped while they play."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import gymnasium as gym
+
+from ge_torchrl.environments.gymnasium_runner import Runner, Watch
+from ge_torchrl.environments.spec import EnvironmentSpec, registered_id
+from ge_torchrl.errors import EnvironmentFaultError
+
+_Result = TypeVar("_Result")
+
+# How often workers count and the calling process looks [s].
+_LOOK_SECONDS = 0.1
+# After a stop a worker ends with its step; one that takes longer than this is left to itself [s].
+_STOP_SECONDS = 10.0
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def portable(spec: EnvironmentSpec) -> bytes:
+    """Return what a new process needs to make the environment, itself registered by the calling program perhaps.
+
+    Raises:
+        EnvironmentFaultError: The environment cannot be sent to another process.
+    """
+    try:
+        return pickle.dumps((spec, gym.registry.get(registered_id(spec.id))))
+    except Exception as error:
+        raise EnvironmentFaultError(
+            f"env.id={spec.id} cannot be sent to worker processes ({' '.join(str(error).split())}); register it with "
+            f'an entry point "module:Class", or set env.workers=1'
+        ) from error
+
+
+def unpack(sent: bytes) -> EnvironmentSpec:
+    """Return the description that `portable` packed, and register the environment in this process.
+
+    Raises:
+        EnvironmentFaultError: This process cannot import what the environment is made of.
+    """
+    try:
+        spec, registered = pickle.loads(sent)  # noqa: S301 (packed by the process that started this one)
+    except Exception as error:
+        raise EnvironmentFaultError(
+            f"a worker process cannot import the environment ({error!r}); put it into a module, or set env.workers=1"
+        ) from error
+    if registered is not None:
+        gym.registry.setdefault(registered.id, registered)
+    described: EnvironmentSpec = spec
+    return described
+
+
+class Workers:
+    """Processes with a `Runner` each. They are started by the first call and serve later ones.
+
+    They import the main module anew, as Python's `spawn` does: a script that uses them needs the usual
+    `if __name__ == "__main__":`.
+
+    Args:
+        spec: The environment.
+        n_workers: Number of processes.
+
+    Raises:
+        EnvironmentFaultError: The environment cannot be sent to another process.
+    """
+
+    def __init__(self, spec: EnvironmentSpec, n_workers: int) -> None:
+        self.n_workers = n_workers
+        self.is_usable = True
+        self._id = spec.id
+        context = multiprocessing.get_context("spawn")
+        self._board = _Board(
+            context.RawArray("q", n_workers),
+            context.RawArray("q", n_workers),
+            context.RawValue("b", 0),
+            context.Value("i", 0),
+        )
+        self._counted = 0
+        self._pool = ProcessPoolExecutor(
+            n_workers, context, initializer=_start, initargs=(portable(spec), self._board)
+        )
+
+    def map(self, task: Callable[..., _Result], arguments: Sequence[tuple[Any, ...]], watch: Watch) -> list[_Result]:
+        """Return `task(runner, watch of the worker, *arguments)` for all arguments, in their order.
+
+        Args:
+            task: A function of a module.
+            arguments: Of each call.
+            watch: Is told of the steps of all workers while they play; may end the work.
+
+        Raises:
+            EnvironmentFaultError: The environment is at fault, or a worker died.
+            LimitReachedError: The watch said so. Workers have stopped, and their steps are counted.
+        """
+        futures: list[Future[_Result]] = []
+        try:
+            futures = [self._pool.submit(_work, task, each) for each in arguments]
+            waiting = set(futures)
+            while waiting:
+                done, waiting = wait(waiting, timeout=_LOOK_SECONDS, return_when=FIRST_EXCEPTION)
+                for future in done:
+                    future.result()
+                watch.look(self._new_steps())
+            return [future.result() for future in futures]
+        except BrokenProcessPool as error:
+            self.is_usable = False
+            raise EnvironmentFaultError(
+                f"a worker process of env.id={self._id} died; env.workers=1 runs the environment in this process, "
+                f"where its last words can be read"
+            ) from error
+        except BaseException:
+            self._stop(futures)
+            raise
+        finally:
+            watch.count(self._new_steps())
+
+    def _new_steps(self) -> int:
+        total = sum(self._board.steps)
+        new, self._counted = total - self._counted, total
+        return new
+
+    def _stop(self, futures: Sequence[Future[Any]]) -> None:
+        self._board.stop.value = 1
+        _, playing = wait([future for future in futures if not future.cancel()], timeout=_STOP_SECONDS)
+        self.is_usable = not playing
+        if self.is_usable:
+            self._board.stop.value = 0
+
+    def close(self) -> None:
+        """End the processes; one that hangs in the environment is killed."""
+        self._board.stop.value = 1
+        if not self.is_usable:
+            for process in filter(None, self._board.processes):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGTERM)
+        self._pool.shutdown(cancel_futures=True)
+
+
+@dataclass(frozen=True, eq=False)
+class _Board:
+    """What the processes share.
+
+    Attributes:
+        steps: Steps that each worker made.
+        processes: Number of each worker's process.
+        stop: Not 0 where work is to end.
+        started: How many workers have taken a place.
+    """
+
+    steps: Any
+    processes: Any
+    stop: Any
+    started: Any
+
+
+class _StoppedError(Exception):
+    """The calling process wants no more of this."""
+
+
+class _BoardWatch:
+    """The watch of a worker: its steps go to the board, from where the order to stop comes."""
+
+    allowance = math.inf
+
+    def __init__(self, board: _Board) -> None:
+        self._board = board
+        with board.started.get_lock():
+            self._place = board.started.value
+            board.started.value += 1
+        board.processes[self._place] = os.getpid()
+        self.due = 0.0
+
+    def look(self, n_steps: int) -> None:
+        """Count steps; see `Watch`.
+
+        Raises:
+            _StoppedError: The calling process says so.
+        """
+        self.count(n_steps)
+        if self._board.stop.value:
+            raise _StoppedError
+        self.due = time.perf_counter() + _LOOK_SECONDS
+
+    def count(self, n_steps: int) -> None:
+        """Count steps; see `Watch`."""
+        self._board.steps[self._place] += n_steps
+
+
+class _Worker:
+    """What a worker process has; the runner comes with the first work, so that its faults reach the caller."""
+
+    def __init__(self, sent: bytes, board: _Board) -> None:
+        self.watch = _BoardWatch(board)
+        self.sent = sent
+        self.runner: Runner | None = None
+
+
+_worker: list[_Worker] = []
+
+
+def _start(sent: bytes, board: _Board) -> None:
+    # Ctrl-C is for the calling process, which ends its workers; without it they end too.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _worker.append(_Worker(sent, board))
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _work(task: Callable[..., _Result], arguments: tuple[Any, ...]) -> _Result:
+    worker = _worker[0]
+    worker.watch.look(0)
+    if worker.runner is None:
+        worker.runner = Runner(unpack(worker.sent))
+    return task(worker.runner, worker.watch, *arguments)
