@@ -22,7 +22,7 @@ _FLOAT32 = np.dtype(np.float32)
 _LARGEST = float(np.finfo(np.float32).max)
 # Floats, integers, unsigned ones, Booleans.
 _KINDS_OF_NUMBERS = "fiub"
-_PLAIN_NUMBERS = frozenset({float, int, np.float64, np.float32})
+_SCALARS = (int, np.float64, np.float32)
 # They look on, or keep the order of calls, which the border keeps itself: a tenth of a CartPole step.
 _ONLOOKERS = (wrappers.OrderEnforcing, wrappers.PassiveEnvChecker)
 
@@ -105,8 +105,8 @@ class Border:
     """
 
     def __init__(self, spec: EnvironmentSpec, witness: Witness) -> None:
-        self._spec, self._witness = spec, witness
-        self._checks = witness.checks
+        self._spec = spec
+        self.watched_by(witness)
         self._environment = make_gymnasium(spec)
         lean, self._limit = _lean(self._environment, spec.max_episode_steps)
         self._lean_step, self._lean_reset = lean.step, lean.reset
@@ -116,6 +116,10 @@ class Border:
         self._action: int | None = None
         self.step_number = 0
         self.array = np.zeros(self._shape, np.float32)
+
+    def watched_by(self, witness: Witness) -> None:
+        """Tell another witness from now on."""
+        self._witness, self._checks = witness, witness.checks
 
     def reset(self, seed: int) -> list[float]:
         """Begin the episode of a seed; return its first observation [D], as Python numbers of float32 precision.
@@ -128,7 +132,10 @@ class Border:
             observation, _ = self._lean_reset(seed=seed)
         except Exception as error:
             raise self._fault(f"raised {error!r} in reset") from error
-        return self._read(observation)
+        self.array = self._cast(observation)
+        values: list[float] = self.array.tolist()
+        self._note(values)
+        return values
 
     def step(self, action: int) -> tuple[list[float], float, bool, bool]:
         """Take an action, counted from 0.
@@ -139,42 +146,42 @@ class Border:
         Raises:
             EnvironmentFaultError: The environment raised, or gave nonsense back.
         """
+        # One function, without calls of our own: its cost is that of every step of every episode.
         self._action = action
         try:
             observation, reward, terminated, truncated, _ = self._lean_step(action + self._first_action)
         except Exception as error:
             raise self._fault(f"raised {error!r}") from error
-        number = float(reward) if type(reward) in _PLAIN_NUMBERS else self._number(reward)
+        number = reward if type(reward) is float else self._number(reward)
         if number - number != 0.0:
             raise self._fault(f"returned a reward that is not a finite number, {number}")
-        values = self._read(observation)
-        self.step_number = step_number = self.step_number + 1
-        if step_number >= self._limit and not truncated:
-            truncated = True
-            if not self._spec.has_limit and not terminated:
-                self._witness.is_endless = True
-        return values, number, bool(terminated), bool(truncated)
-
-    def close(self) -> None:
-        """Close the environment."""
-        self._environment.close()
-
-    def _read(self, observation: Any) -> list[float]:
-        if (
-            type(observation) is not np.ndarray
-            or observation.dtype is not _FLOAT32
-            or observation.shape != self._shape
-        ):
+        try:
+            is_expected = observation.dtype is _FLOAT32 and observation.shape == self._shape
+        except AttributeError:
+            is_expected = False
+        if not is_expected:
             observation = self._cast(observation)
         self.array = observation
         values: list[float] = observation.tolist()
         for feature, low, high in self._checks:
             if not low <= values[feature] <= high:
-                if any(value != value for value in values):
-                    raise self._fault(f"returned an observation with NaN, {values}")
-                self._witness.note(values)
+                self._note(values)
                 break
-        return values
+        self.step_number = step_number = self.step_number + 1
+        if step_number >= self._limit and not truncated:
+            truncated = True
+            if not self._spec.has_limit and not terminated:
+                self._witness.is_endless = True
+        return values, number, terminated, truncated
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._environment.close()
+
+    def _note(self, values: list[float]) -> None:
+        if any(math.isnan(value) for value in values):
+            raise self._fault(f"returned an observation with NaN, {values}")
+        self._witness.note(values)
 
     def _cast(self, observation: Any) -> NDArray[np.float32]:
         try:
@@ -186,11 +193,15 @@ class Border:
                 f"must return observations of {self._shape[0]} numbers, as its observation space says; "
                 f"got {_short(observation)}, of shape {raw.shape} and type {raw.dtype}"
             )
+        if raw.dtype is _FLOAT32:
+            return raw
         # What is beyond every float32 becomes infinite, and is reported as such.
         with np.errstate(over="ignore"):
             return raw.astype(np.float32)
 
     def _number(self, reward: Any) -> float:
+        if type(reward) in _SCALARS:
+            return float(reward)
         array = np.asarray(reward)
         if array.ndim > 0 or array.dtype.kind not in _KINDS_OF_NUMBERS:
             raise self._fault(f"must return a reward that is one number; got {_short(reward)}")
@@ -208,7 +219,7 @@ def _lean(environment: GymEnvironment, limit: int) -> tuple[GymEnvironment, int]
     inner: Any = environment
     while type(inner) in (*_ONLOOKERS, wrappers.TimeLimit):
         if type(inner) is wrappers.TimeLimit:
-            if inner.spec is None:
+            if inner.spec is None or inner.spec.max_episode_steps is None:
                 break
             limit = min(limit, inner.spec.max_episode_steps)
         inner = inner.env

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import Accountable, Backend, Ledger, Outcomes, Sampler, Trajectory
+from ge_torchrl.environments.border import Witness
 from ge_torchrl.environments.gymnasium_runner import Jobs, LedgerWatch, Played, Runner, Watch
 from ge_torchrl.environments.gymnasium_workers import Workers, available_cores
 from ge_torchrl.environments.spec import EnvironmentSpec
@@ -74,22 +75,23 @@ class GymnasiumBackend(Accountable):
     def _probe(self) -> tuple[float, float]:
         """Act at random; return the steps a second of one process, and the mean length of an episode."""
         border, rng, seeds = self._runner.border, np.random.default_rng(0), itertools.count()
-        ended, episodes = True, 0
-        started = time.perf_counter()
+        ended, episodes, started = True, 0, 0.0
         for step in range(_PROBED_STEPS + _TIMED_STEPS):
-            now = time.perf_counter()
             if step == _PROBED_STEPS:
-                started = now
-                self._runner.witness.report()
-            if step > _PROBED_STEPS and now - started > _TIMED_SECONDS:
+                # How many steps are timed depends on the clock: what the rest of a run knows must not.
+                border.watched_by(Witness(self.spec))
+                started = time.perf_counter()
+            if step > _PROBED_STEPS and time.perf_counter() - started > _TIMED_SECONDS:
                 break
             if ended:
                 border.reset(next(seeds))
                 episodes += 1
             _, _, terminated, truncated = border.step(int(rng.integers(self.spec.n_actions)))
             ended = terminated or truncated
-        timed = step - _PROBED_STEPS + 1
-        return timed / (time.perf_counter() - started), (step + 1) / episodes
+        steps_per_second = (step - _PROBED_STEPS + 1) / (time.perf_counter() - started)
+        border.watched_by(self._runner.witness)
+        self._runner.witness.report()
+        return steps_per_second, (step + 1) / episodes
 
     def evaluate(
         self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
@@ -150,7 +152,7 @@ class GymnasiumBackend(Accountable):
                     episode_seeds("training", _OBSERVED_EPISODES, rngs[r]).tolist(),
                     int(n_steps - filled[r]),
                 )
-                for r in missing
+                for r in missing.tolist()
             ]
             workers = self._workers_for(len(missing), float((n_steps - filled[missing]).sum()))
             if workers is None:

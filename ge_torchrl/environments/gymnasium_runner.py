@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
@@ -19,9 +19,10 @@ from ge_torchrl.trees.forest import Forest, ForestArrays
 
 # A limit or a sign of life is looked after this often [s].
 _LOOK_SECONDS = 0.25
-
-# A leaf's number, or (feature, threshold, left, right); where splits are sums, the feature is ((feature, weight), ...).
-_Node: TypeAlias = int | tuple[Any, float, Any, Any]
+# Of each step: what was observed, what was done, what it paid.
+_Diary: TypeAlias = list[tuple[list[float], int, float]]
+# Reading the clock costs a hundredth of a CartPole step: it is read after so long [s].
+_STRIDE_SECONDS = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,7 @@ class LedgerWatch:
     def count(self, n_steps: int) -> None:
         """Count steps; see `Watch`."""
         self._ledger.count(self._purpose, n_steps)
+        self.allowance -= n_steps
 
     def _plan(self) -> None:
         limit = self._ledger.limit
@@ -108,6 +110,7 @@ class Runner:
     def __init__(self, spec: EnvironmentSpec) -> None:
         self.spec = spec
         self.witness = Witness(spec)
+        self._pace = _Pace()
         self._border: Border | None = None
 
     @property
@@ -120,11 +123,13 @@ class Runner:
     def play(self, forest: Forest, jobs: Jobs, watch: Watch) -> Played:
         """Play all jobs."""
         arrays = forest.arrays
-        played = Played(np.zeros(len(jobs)), np.zeros(len(jobs), np.int64), np.zeros(len(arrays.action), np.int64))
+        played = Played(
+            np.zeros(len(jobs)), np.zeros(len(jobs), np.int64), np.zeros(len(arrays.action), np.int64)
+        )
         edges = [*np.flatnonzero(np.diff(jobs.tree, prepend=-1)).tolist(), len(jobs)]
         for first, end in itertools.pairwise(edges):
             tree = int(jobs.tree[first])
-            player = _Player(self.border, arrays, tree, watch)
+            player = _Player(self.border, arrays, tree, watch, self._pace)
             for j in range(first, end):
                 played.returns[j], played.lengths[j] = player.episode(int(jobs.seed[j]))
             played.leaf_visits[arrays.leaf_start[tree] : arrays.leaf_start[tree + 1]] += player.visits
@@ -134,35 +139,27 @@ class Runner:
         self, forest: Forest, tree: int, seeds: Sequence[int], n_steps: int, watch: Watch
     ) -> NDArray[np.float32]:
         """Return what a tree sees in its first `n_steps` steps, or fewer where the episodes of `seeds` have fewer."""
-        player = _Player(self.border, forest.arrays, tree, watch)
-        seen: list[list[float]] = []
+        player = _Player(self.border, forest.arrays, tree, watch, self._pace)
+        diary: _Diary = []
         for seed in seeds:
-            if len(seen) == n_steps:
+            if len(diary) == n_steps:
                 break
-            player.episode(seed, seen, n_steps - len(seen))
+            player.episode(seed, diary, n_steps - len(diary))
+        seen = [observation for observation, _, _ in diary]
         return np.array(seen, np.float32).reshape(len(seen), self.spec.n_features)
 
     def record(self, forest: Forest, seed: int, watch: Watch) -> Trajectory:
         """Return an episode of the forest's only tree, step by step."""
-        player = _Player(self.border, forest.arrays, 0, watch)
-        observation = self.border.reset(seed)
-        observations, actions, rewards = [observation], [], []
-        terminated = truncated = False
-        try:
-            while not (terminated or truncated):
-                action = player.decide(observation)
-                observation, reward, terminated, truncated = self.border.step(action)
-                observations.append(observation)
-                actions.append(action)
-                rewards.append(reward)
-        finally:
-            watch.count(len(actions))
+        player = _Player(self.border, forest.arrays, 0, watch, self._pace)
+        diary: _Diary = []
+        player.episode(seed, diary)
+        observations, actions, rewards = zip(*diary, strict=True)
         return Trajectory(
-            np.array(observations, np.float32),
+            np.array([*observations, self.border.array], np.float32),
             np.array(actions, np.int64),
             np.array(rewards, np.float64),
-            terminated,
-            truncated,
+            terminated=player.terminated,
+            truncated=player.truncated,
         )
 
     def close(self) -> None:
@@ -172,52 +169,83 @@ class Runner:
             self._border = None
 
 
+class _Pace:
+    """Chooses how many steps go between two looks at the clock, a few milliseconds' worth."""
+
+    def __init__(self) -> None:
+        self.stride = 1
+        self._last = time.perf_counter()
+
+    def now(self, n_steps: int) -> float:
+        """Return the time, `n_steps` after the last look."""
+        now = time.perf_counter()
+        elapsed, self._last = now - self._last, now
+        if elapsed > _STRIDE_SECONDS:
+            self.stride = max(1, n_steps // 2)
+        elif n_steps >= self.stride and elapsed < _STRIDE_SECONDS / 2:
+            self.stride *= 2
+        return now
+
+
 class _Player:
     """One tree at the border.
 
     Attributes:
         visits: How often each leaf decided, [L].
+        terminated: Whether the task ended the last episode.
+        truncated: Whether its limit did.
     """
 
-    def __init__(self, border: Border, arrays: ForestArrays, tree: int, watch: Watch) -> None:
-        self._border, self._watch = border, watch
-        self._root, self._walk = _compiled(arrays, tree)
+    def __init__(self, border: Border, arrays: ForestArrays, tree: int, watch: Watch, pace: _Pace) -> None:
+        self._border, self._watch, self._pace = border, watch, pace
+        self._root, self._is_axis_aligned = _nested(arrays, tree)
         self._actions = arrays.action[arrays.leaf_start[tree] : arrays.leaf_start[tree + 1]].tolist()
         self.visits = [0] * len(self._actions)
-
-    def decide(self, observation: list[float]) -> int:
-        action: int = self._actions[self._walk(self._root, observation)]
-        return action
+        self.terminated = self.truncated = False
 
     def episode(
-        self, seed: int, seen: list[list[float]] | None = None, n_steps: int | None = None
+        self, seed: int, diary: _Diary | None = None, n_steps: int | None = None
     ) -> tuple[float, int]:
-        """Play an episode, or its first `n_steps` steps; return its return and length; add to `seen`."""
-        step, watch = self._border.step, self._watch
-        root, walk, actions, visits, clock = self._root, self._walk, self._actions, self.visits, time.perf_counter
+        """Play an episode, or its first `n_steps` steps; return its return and length; write them down."""
+        step, watch, pace = self._border.step, self._watch, self._pace
+        root, is_axis_aligned, actions, visits = self._root, self._is_axis_aligned, self._actions, self.visits
         observation = self._border.reset(seed)
-        total, length, counted = 0.0, 0, 0
-        ended = False
+        total, length, counted, read = 0.0, 0, 0, 0
+        next_look = min(pace.stride, watch.allowance)
+        ended = terminated = truncated = False
         try:
             while not ended:
-                leaf = walk(root, observation)
-                visits[leaf] += 1
-                if seen is not None:
-                    seen.append(observation)
-                observation, reward, terminated, truncated = step(actions[leaf])
+                node = root if is_axis_aligned else _walk_sums(root, observation)
+                # The quickest way in Python to tell a split from a leaf, and written here: a call costs as much again.
+                while type(node) is tuple:
+                    feature, threshold, left, right = node
+                    node = left if observation[feature] < threshold else right
+                visits[node] += 1
+                before = observation
+                observation, reward, terminated, truncated = step(actions[node])
+                if diary is not None:
+                    diary.append((before, actions[node], reward))
                 total += reward
                 length += 1
                 ended = terminated or truncated or length == n_steps
-                if clock() >= watch.due or length - counted >= watch.allowance:
-                    n_new, counted = length - counted, length
-                    watch.look(n_new)
+                if length >= next_look or ended:
+                    now, read = pace.now(length - read), length
+                    if now >= watch.due or length - counted >= watch.allowance:
+                        n_new, counted = length - counted, length
+                        watch.look(n_new)
+                    next_look = min(length + pace.stride, counted + watch.allowance)
         finally:
             watch.count(length - counted)
+        self.terminated, self.truncated = bool(terminated), bool(truncated)
         return total, length
 
 
-def _compiled(arrays: ForestArrays, tree: int) -> tuple[_Node, Callable[[_Node, list[float]], int]]:
-    """Return a tree as nested tuples, and the function that walks them to a leaf."""
+def _nested(arrays: ForestArrays, tree: int) -> tuple[Any, bool]:
+    """Return a tree as nested tuples, and whether each of its splits compares one feature.
+
+    A split is (feature, threshold, left, right), a leaf its number; where splits are sums, the feature is
+    ((feature, weight), ...).
+    """
     first, end = int(arrays.split_start[tree]), int(arrays.split_start[tree + 1])
     splits, terms = slice(first, end), slice(int(arrays.term_start[first]), int(arrays.term_start[end]))
     is_axis_aligned = terms.stop - terms.start == end - first and bool((arrays.weight[terms] == 1).all())
@@ -225,24 +253,15 @@ def _compiled(arrays: ForestArrays, tree: int) -> tuple[_Node, Callable[[_Node, 
     if not is_axis_aligned:
         weighted = list(zip(features, arrays.weight[terms].tolist(), strict=True))
         starts = (arrays.term_start[first : end + 1] - terms.start).tolist()
-        features = [tuple(weighted[a:b]) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+        features = [tuple(weighted[a:b]) for a, b in itertools.pairwise(starts)]
     thresholds = arrays.threshold[splits].tolist()
     left, right = arrays.children_left[splits].tolist(), arrays.children_right[splits].tolist()
-    nodes: list[_Node] = [0] * (end - first)
+    nodes: list[Any] = [0] * (end - first)
     # Depth first, children stand behind their parents.
     for m in range(end - first - 1, -1, -1):
         children = [nodes[child] if child >= 0 else ~child for child in (left[m], right[m])]
-        nodes[m] = (features[m], thresholds[m], children[0], children[1])
-    return nodes[0] if nodes else 0, _walk if is_axis_aligned else _walk_sums
-
-
-def _walk(node: Any, observation: list[float]) -> int:
-    # The tuple check is the quickest way to tell a split from a leaf; a list of arrays costs four look-ups more.
-    while type(node) is tuple:
-        feature, threshold, left, right = node
-        node = left if observation[feature] < threshold else right
-    leaf: int = node
-    return leaf
+        nodes[m] = (features[m], thresholds[m], *children)
+    return nodes[0] if nodes else 0, is_axis_aligned
 
 
 def _walk_sums(node: Any, observation: list[float]) -> int:

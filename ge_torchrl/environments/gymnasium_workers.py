@@ -100,7 +100,9 @@ class Workers:
             n_workers, context, initializer=_start, initargs=(portable(spec), self._board)
         )
 
-    def map(self, task: Callable[..., _Result], arguments: Sequence[tuple[Any, ...]], watch: Watch) -> list[_Result]:
+    def map(
+        self, task: Callable[..., _Result], arguments: Sequence[tuple[Any, ...]], watch: Watch
+    ) -> list[_Result]:
         """Return `task(runner, watch of the worker, *arguments)` for all arguments, in their order.
 
         Args:
@@ -135,7 +137,7 @@ class Workers:
             watch.count(self._new_steps())
 
     def _new_steps(self) -> int:
-        total = sum(self._board.steps)
+        total = int(sum(self._board.steps))
         new, self._counted = total - self._counted, total
         return new
 

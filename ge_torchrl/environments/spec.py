@@ -174,7 +174,8 @@ def _make(
             environment_id, max_episode_steps=max_episode_steps, disable_env_checker=True, **given
         )
         for wrapper in wrappers:
-            environment = load_env_creator(wrapper)(environment)
+            wrap: Any = load_env_creator(wrapper)
+            environment = wrap(environment)
     except gym.error.DependencyNotInstalled as error:
         raise EnvironmentFaultError(
             f"env.id={environment_id} needs packages that are not installed ({_one_line(error)}); "
@@ -186,9 +187,7 @@ def _make(
             f"env.id=module:Name-v0; got {environment_id!r} ({_one_line(error)})"
         ) from error
     except Exception as error:
-        raise EnvironmentFaultError(
-            f"env.id={environment_id} raised {error!r} while it was made"
-        ) from error
+        raise EnvironmentFaultError(f"env.id={environment_id} raised {error!r} while it was made") from error
     return environment
 
 

@@ -2,39 +2,19 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from environments_for_tests import (
+    BoolWalkEnv,
     ContinuousEnv,
     CountdownEnv,
-    EndlessEnv,
-    NaNEnv,
-    NaNRewardEnv,
+    DoubledReward,
+    Float64WalkEnv,
+    Int64WalkEnv,
     PicturesEnv,
-    RaisingEnv,
+    UInt8WalkEnv,
+    register,
 )
 
-from ge_torchrl.environments import gymnasium_route, spec
-from ge_torchrl.environments.choose import agrees_with_gymnasium, open_route
-from ge_torchrl.environments.compiled_route import CompiledRoute
-from ge_torchrl.environments.dynamics import DYNAMICS
-from ge_torchrl.environments.gymnasium_route import GymnasiumRoute
-from ge_torchrl.environments.spec import describe
+from ge_torchrl.environments.spec import UNBOUNDED_EPISODE_STEPS, describe, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
-from ge_torchrl.trees.decision_tree import DecisionTree
-from ge_torchrl.trees.forest import Forest
-
-
-@pytest.fixture
-def register():
-    ids = []
-
-    def register(kind):
-        environment_id = f"Test{kind.__name__}-v0"
-        gym.register(environment_id, entry_point=kind)
-        ids.append(environment_id)
-        return environment_id
-
-    yield register
-    for environment_id in ids:
-        del gym.registry[environment_id]
 
 
 @pytest.mark.parametrize(
@@ -43,14 +23,25 @@ def register():
         ("CartPole-v1", 500, 475.0, 4, 2),
         ("Acrobot-v1", 500, -100.0, 6, 3),
         ("MountainCar-v0", 200, -110.0, 2, 3),
+        ("gymnasium:CartPole-v1", 500, 475.0, 4, 2),
     ],
 )
 def test_description_of_the_thesis_environments(environment_id, limit, solved_at, n_features, n_actions):
     described = describe(environment_id)
+    assert described.id == described.names.id == environment_id
     assert described.max_episode_steps == limit
+    assert described.has_limit
+    assert described.names.max_episode_steps is None
     assert described.solved_at == solved_at
     assert (described.n_features, described.n_actions) == (n_features, n_actions)
-    assert described.labels.features == tuple(f"x{i}" for i in range(n_features))
+    assert described.names.features == tuple(f"x{i}" for i in range(n_features))
+
+
+def test_a_module_prefix_is_for_gym_make_and_works_with_box2d_too():
+    pytest.importorskip("Box2D")
+    described = describe("gymnasium:LunarLander-v3")
+    assert (described.n_features, described.n_actions, described.solved_at) == (8, 4, 200)
+    make_gymnasium(described).close()
 
 
 def test_solved_means_reaching_the_threshold():
@@ -58,75 +49,69 @@ def test_solved_means_reaching_the_threshold():
     assert described.is_solved(475.0)
     assert not described.is_solved(474.99)
     assert not describe("CartPole-v1", solved_at=480).is_solved(475.0)
+    assert not describe(register(CountdownEnv)).is_solved(1e9)
 
 
-def test_unknown_environment_is_named():
-    with pytest.raises(EnvironmentFaultError, match=r"env\.id.*'NoSuchThing-v0'"):
-        describe("NoSuchThing-v0")
+@pytest.mark.parametrize("environment_id", ["NoSuchThing-v0", "no_such_module:Thing-v0", "CartPole-v77", "a b"])
+def test_unknown_environment_is_named(environment_id):
+    with pytest.raises(EnvironmentFaultError, match=rf"env\.id.*'{environment_id}'") as caught:
+        describe(environment_id)
+    assert "\n" not in str(caught.value)
 
 
-def test_wrong_number_of_names_is_refused():
-    with pytest.raises(EnvironmentFaultError, match=r"env\.features must name the 4 features.*got 1"):
+def test_wrong_number_of_names_is_refused_with_the_override():
+    with pytest.raises(EnvironmentFaultError, match=r"env\.features must name the 4.*env\.features=\[\].*got 1"):
         describe("CartPole-v1", features=("x",))
+    with pytest.raises(EnvironmentFaultError, match=r"env\.actions must name the 2 actions.*got 3"):
+        describe("CartPole-v1", actions=("x", "y", "z"))
 
 
 @pytest.mark.parametrize(("kind", "expected"), [(PicturesEnv, "flat Box"), (ContinuousEnv, "Discrete")])
-def test_unsuitable_spaces_are_refused(register, kind, expected):
-    with pytest.raises(EnvironmentFaultError, match=expected):
+def test_unsuitable_spaces_are_refused_in_one_line(kind, expected):
+    with pytest.raises(EnvironmentFaultError, match=expected) as caught:
         describe(register(kind))
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("kind", "expected"),
+    ("kind", "low", "high"),
     [
-        (
-            RaisingEnv,
-            r"RaisingEnv-v0 raised RuntimeError\('the motor is on fire'\); episode seed 3, step 2, action 1 \(a1\)",
-        ),
-        (NaNEnv, r"NaNEnv-v0 returned an observation with NaN.*episode seed 3, step 1, action 1 \(a1\)"),
-        (NaNRewardEnv, r"returned a reward that is not a number; episode seed 3, step 0, action 1"),
+        (Float64WalkEnv, [-5, -5], [5, 5]),
+        (Int64WalkEnv, [-5, -5], [5, 5]),
+        (UInt8WalkEnv, [0, 0], [10, 10]),
+        (BoolWalkEnv, [0, 0], [1, 1]),
     ],
 )
-def test_faults_are_reported_with_id_seed_step_and_action(register, kind, expected):
-    route = GymnasiumRoute(describe(register(kind)), workers=1)
-    with pytest.raises(EnvironmentFaultError, match=expected):
-        route.evaluate(Forest.stack([DecisionTree.leaf(1)]), np.array([3]))
-    route.close()
+def test_bounds_are_float32_whatever_the_type_observed(kind, low, high):
+    described = describe(register(kind))
+    assert described.low.dtype == described.high.dtype == np.float32
+    assert (described.low.tolist(), described.high.tolist()) == (low, high)
 
 
-def test_an_endless_episode_is_a_fault(register, monkeypatch):
-    monkeypatch.setattr(spec, "UNBOUNDED_EPISODE_STEPS", 50)
-    route = GymnasiumRoute(describe(register(EndlessEnv)), workers=1)
-    with pytest.raises(EnvironmentFaultError, match="did not end an episode within 50 steps"):
-        route.evaluate(Forest.stack([DecisionTree.leaf(0)]), np.array([0]))
-    route.close()
+def test_the_number_of_the_first_action_and_a_missing_limit_are_told():
+    described = describe(register(CountdownEnv))
+    assert (described.first_action, described.n_actions) == (5, 2)
+    assert (described.has_limit, described.max_episode_steps) == (False, UNBOUNDED_EPISODE_STEPS)
 
 
-def test_an_endless_environment_with_a_limit_is_truncated(register):
-    described = describe(register(EndlessEnv), max_episode_steps=20)
-    route = GymnasiumRoute(described, workers=1)
-    assert route.evaluate(Forest.stack([DecisionTree.leaf(0)]), np.array([0])).lengths.tolist() == [[20]]
-    route.close()
+def test_a_limit_of_the_user_is_kept_and_named():
+    described = describe("MountainCar-v0", max_episode_steps=37)
+    assert (described.max_episode_steps, described.names.max_episode_steps) == (37, 37)
+    assert make_gymnasium(described).spec.max_episode_steps == 37
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
-def test_auto_takes_the_compiled_route_where_it_agrees(environment_id):
-    assert agrees_with_gymnasium(describe(environment_id))
-    route = open_route(describe(environment_id))
-    assert isinstance(route, CompiledRoute)
-    route.close()
+def test_arguments_and_wrappers_are_kept():
+    described = describe(
+        "MountainCar-v0", kwargs={"goal_velocity": 0.01}, wrappers=("environments_for_tests:DoubledReward",)
+    )
+    environment = make_gymnasium(described)
+    assert isinstance(environment, gym.Wrapper)
+    assert type(environment).__name__ == DoubledReward.__name__
+    assert environment.unwrapped.goal_velocity == 0.01
+    assert described.names.kwargs == {"goal_velocity": 0.01}
+    assert described.names.wrappers == ("environments_for_tests:DoubledReward",)
 
 
-def test_auto_falls_back_with_a_warning_where_gymnasium_differs(monkeypatch, caplog):
-    gravity_on_the_moon = gym.make("CartPole-v1")
-    gravity_on_the_moon.unwrapped.gravity = 1.62
-    monkeypatch.setattr("ge_torchrl.environments.choose.make_gymnasium", lambda _: gravity_on_the_moon)
-    route = open_route(describe("CartPole-v1"))
-    assert isinstance(route, gymnasium_route.GymnasiumRoute)
-    assert "differs from the compiled dynamics" in caplog.text
-    route.close()
-
-
-def test_compiled_route_is_refused_where_there_is_none(register):
-    with pytest.raises(EnvironmentFaultError, match=r"env\.route=compiled needs compiled dynamics"):
-        open_route(describe(register(CountdownEnv)), "compiled")
+def test_what_an_environment_raises_while_it_is_made_is_one_line():
+    with pytest.raises(EnvironmentFaultError, match=r"env\.id=CartPole-v1 raised TypeError.*while it was made"):
+        describe("CartPole-v1", kwargs={"wheels": 3})

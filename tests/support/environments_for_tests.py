@@ -1,4 +1,6 @@
-"""Small Gymnasium environments that do one thing, good or bad."""
+"""Small well-behaved Gymnasium environments that do one thing."""
+
+import time
 
 import gymnasium as gym
 import numpy as np
@@ -20,29 +22,80 @@ class CountdownEnv(gym.Env):
         return np.zeros(2, np.float32), float(action), self.steps == 3, False, {}
 
 
-class RaisingEnv(CountdownEnv):
-    """Raises in its third step."""
+class WalkEnv(gym.Env):
+    """A random walk over whole numbers from -5 to 5, which the seed and the action steer; pays its place.
+
+    Subclasses observe it in other types. The walk ends at its ends.
+    """
+
+    observation_space = gym.spaces.Box(-5, 5, (2,), np.float32)
+    action_space = gym.spaces.Discrete(2)
+    dtype = np.float32
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed, options=options)
+        self.place = int(self.np_random.integers(-2, 3))
+        return self.observe(), {}
 
     def step(self, action):
-        if self.steps == 2:
-            raise RuntimeError("the motor is on fire")
+        assert action in {0, 1}
+        self.place += 1 if self.np_random.random() < 0.3 + 0.4 * action else -1
+        return self.observe(), float(self.place), abs(self.place) == 5, False, {}
+
+    def observe(self):
+        return np.array([self.place, self.place % 2]).astype(self.dtype)
+
+
+class Float64WalkEnv(WalkEnv):
+    """Observes the walk in float64."""
+
+    observation_space = gym.spaces.Box(-5, 5, (2,), np.float64)
+    dtype = np.float64
+
+
+class Int64WalkEnv(WalkEnv):
+    """Observes the walk in int64."""
+
+    observation_space = gym.spaces.Box(-5, 5, (2,), np.int64)
+    dtype = np.int64
+
+
+class UInt8WalkEnv(WalkEnv):
+    """Observes the walk in uint8, counted from 0."""
+
+    observation_space = gym.spaces.Box(0, 10, (2,), np.uint8)
+    dtype = np.uint8
+
+    def observe(self):
+        return np.array([self.place + 5, self.place % 2], np.uint8)
+
+
+class BoolWalkEnv(WalkEnv):
+    """Observes whether the place is right of the middle, and whether it is odd."""
+
+    observation_space = gym.spaces.Box(0, 1, (2,), np.bool_)
+
+    def observe(self):
+        return np.array([self.place > 0, self.place % 2 == 1])
+
+
+class FromOneEnv(WalkEnv):
+    """The walk with actions 1 and 2."""
+
+    action_space = gym.spaces.Discrete(2, start=1)
+
+    def step(self, action):
+        return super().step(action - 1)
+
+
+class CountingEnv(WalkEnv):
+    """The walk, which counts the steps of all its copies in this process."""
+
+    steps_made = 0
+
+    def step(self, action):
+        type(self).steps_made += 1
         return super().step(action)
-
-
-class NaNEnv(CountdownEnv):
-    """Observes NaN after its second step."""
-
-    def step(self, action):
-        observation, *rest = super().step(action)
-        return (observation * np.nan if self.steps == 2 else observation, *rest)
-
-
-class NaNRewardEnv(CountdownEnv):
-    """Pays NaN in its first step."""
-
-    def step(self, action):
-        observation, _, *rest = super().step(action)
-        return (observation, float("nan"), *rest)
 
 
 class EndlessEnv(CountdownEnv):
@@ -51,6 +104,14 @@ class EndlessEnv(CountdownEnv):
     def step(self, action):
         observation, reward, _, *rest = super().step(action)
         return (observation, reward, False, *rest)
+
+
+class SlowEnv(EndlessEnv):
+    """Takes two milliseconds a step, and never ends."""
+
+    def step(self, action):
+        time.sleep(0.002)
+        return super().step(action)
 
 
 class PicturesEnv(CountdownEnv):
@@ -63,3 +124,19 @@ class ContinuousEnv(CountdownEnv):
     """Takes a continuous action, which a leaf cannot hold."""
 
     action_space = gym.spaces.Box(-1, 1, (1,), np.float32)
+
+
+class DoubledReward(gym.Wrapper):
+    """Pays twice."""
+
+    def step(self, action):
+        observation, reward, *rest = self.env.step(action)
+        return (observation, 2 * reward, *rest)
+
+
+def register(kind, **arguments):
+    """Register a class of environments under a name of its own, once; return its id."""
+    environment_id = f"Test{kind.__name__}-v0"
+    if environment_id not in gym.registry:
+        gym.register(environment_id, entry_point=kind, **arguments)
+    return environment_id

@@ -1,0 +1,152 @@
+"""Gymnasium environments that break their word, each in one way."""
+
+import os
+
+import gymnasium as gym
+import numpy as np
+from environments_for_tests import CountdownEnv, WalkEnv
+
+
+class RaisingEnv(CountdownEnv):
+    """Raises in its third step."""
+
+    def step(self, action):
+        if self.steps == 2:
+            raise RuntimeError("the motor\nis on fire")
+        return super().step(action)
+
+
+class RaisingInResetEnv(CountdownEnv):
+    """Raises in reset."""
+
+    def reset(self, *, seed=None, options=None):
+        raise RuntimeError("no fuel")
+
+
+class NaNEnv(CountdownEnv):
+    """Observes NaN after its second step."""
+
+    def step(self, action):
+        observation, *rest = super().step(action)
+        return (observation * np.nan if self.steps == 2 else observation, *rest)
+
+
+class OddRewardEnv(CountdownEnv):
+    """Pays what is no number in its first step."""
+
+    reward = None
+
+    def step(self, action):
+        observation, _, *rest = super().step(action)
+        return (observation, self.reward, *rest)
+
+
+class NaNRewardEnv(OddRewardEnv):
+    """Pays NaN."""
+
+    reward = float("nan")
+
+
+class InfiniteRewardEnv(OddRewardEnv):
+    """Pays infinity."""
+
+    reward = np.float32(-np.inf)
+
+
+class ArrayRewardEnv(OddRewardEnv):
+    """Pays an array."""
+
+    reward = np.ones(1)
+
+
+class OddObservationEnv(CountdownEnv):
+    """Observes something else than it says after its first step."""
+
+    observation = None
+
+    def step(self, action):
+        _, *rest = super().step(action)
+        return (self.observation, *rest)
+
+
+class ColumnEnv(OddObservationEnv):
+    """Observes a column."""
+
+    observation = np.zeros((2, 1), np.float32)
+
+
+class LongEnv(OddObservationEnv):
+    """Observes one number too many."""
+
+    observation = np.zeros(3, np.float32)
+
+
+class ScalarEnv(OddObservationEnv):
+    """Observes one number."""
+
+    observation = 0.5
+
+
+class TextEnv(OddObservationEnv):
+    """Observes texts."""
+
+    observation = ("left", "right")
+
+
+class FourValuesEnv(CountdownEnv):
+    """Steps as Gym did before Gymnasium."""
+
+    def step(self, action):
+        return super().step(action)[:4]
+
+
+class DyingEnv(CountdownEnv):
+    """Ends its process, but not in the one that made the module's first copy."""
+
+    def step(self, action):
+        if os.environ.get("TEST_ENVIRONMENT_LIVES_IN") != str(os.getpid()):
+            os._exit(3)
+        return super().step(action)
+
+
+class WideEnv(WalkEnv):
+    """Says that it observes [0, 1], and observes up to 4."""
+
+    observation_space = gym.spaces.Box(0, 1, (2,), np.float32)
+
+    def observe(self):
+        return np.array([min(abs(self.place), 4), self.place % 2], np.float32)
+
+
+class InfiniteEnv(WalkEnv):
+    """Observes infinity in its second entry, always; declares no bounds for it."""
+
+    observation_space = gym.spaces.Box(np.float32([-5, -np.inf]), np.float32([5, np.inf]))
+
+    def observe(self):
+        return np.array([self.place, np.inf], np.float32)
+
+
+class LateEnv(WalkEnv):
+    """Keeps its bounds in every episode but that of seed 9999."""
+
+    observation_space = gym.spaces.Box(-5, 5, (2,), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        self.is_late = seed == 9999
+        return super().reset(seed=seed, options=options)
+
+    def observe(self):
+        return np.array([self.place, 7 if self.is_late else 0], np.float32)
+
+
+class LateNaNEnv(WalkEnv):
+    """The walk, which observes NaN in its third step in the episode of seed 9999."""
+
+    def reset(self, *, seed=None, options=None):
+        self.seen = 0 if seed == 9999 else -(10**9)
+        return super().reset(seed=seed, options=options)
+
+    def observe(self):
+        self.seen += 1
+        return super().observe() * np.float32(np.nan if self.seen == 4 else 1)
