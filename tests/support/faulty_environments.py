@@ -1,6 +1,7 @@
 """Gymnasium environments that break their word, each in one way."""
 
 import os
+import time
 
 import gymnasium as gym
 import numpy as np
@@ -150,3 +151,11 @@ class LateNaNEnv(WalkEnv):
     def observe(self):
         self.seen += 1
         return super().observe() * np.float32(np.nan if self.seen == 4 else 1)
+
+
+class SlowStepEnv(WalkEnv):
+    """Takes two milliseconds a step."""
+
+    def step(self, action):
+        time.sleep(0.002)
+        return super().step(action)

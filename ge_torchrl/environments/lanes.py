@@ -1,0 +1,273 @@
+"""A Gymnasium vector environment of many copies, stepped side by side in this process and, where it pays, in others.
+
+Gymnasium's own ones do the same: `SyncVectorEnv` in one process, at a tenth more a step for merging what copies tell
+about themselves; `AsyncVectorEnv` with a process for each copy, which pays for none of our environments.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import math
+import multiprocessing
+import signal
+import time
+from collections.abc import Sequence
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.gymnasium_workers import available_cores, portable, unpack
+from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.seeding import episode_seeds
+
+# Waking another process and waiting for it takes a tenth of this; a process has at least so much to do [s].
+_SECONDS_WORTH_A_PROCESS = 0.5e-3
+
+# An environment is tried out for so long to know what its steps cost [s].
+_TRIAL_SECONDS = 0.02
+
+_STEP, _RESET, _CLOSE = b"s", b"r", b"c"
+
+
+class _Arrays(NamedTuple):
+    """What is read and written side by side, in memory that processes share; [n] or [n, D]."""
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.int64]
+    rewards: NDArray[np.float64]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    seeds: NDArray[np.int64]
+    is_reset: NDArray[np.bool_]
+
+    def part(self, first: int, end: int) -> _Arrays:
+        return _Arrays(*(array[first:end] for array in self))
+
+
+class _Memory(NamedTuple):
+    """The memory under `_Arrays`, as it travels to another process."""
+
+    n: int
+    n_features: int
+    buffers: tuple[Any, ...]
+
+    @classmethod
+    def empty(cls, n: int, n_features: int) -> _Memory:
+        sizes = {"observations": n * n_features}
+        types = (
+            ctypes.c_float,
+            ctypes.c_int64,
+            ctypes.c_double,
+            ctypes.c_bool,
+            ctypes.c_bool,
+            ctypes.c_int64,
+            ctypes.c_bool,
+        )
+        context = multiprocessing.get_context("spawn")
+        fields = zip(_Arrays._fields, types, strict=True)
+        return cls(n, n_features, tuple(context.RawArray(kind, sizes.get(name, n)) for name, kind in fields))
+
+    def arrays(self) -> _Arrays:
+        flat = [np.frombuffer(buffer, np.dtype(buffer._type_)) for buffer in self.buffers]  # noqa: SLF001
+        return _Arrays(flat[0].reshape(self.n, self.n_features), *flat[1:])
+
+
+class _Copies:
+    """Copies of the environment in one process."""
+
+    def __init__(self, spec: EnvironmentSpec, arrays: _Arrays) -> None:
+        witness = Witness(spec)
+        self._borders = [Border(spec, witness) for _ in arrays.actions]
+        self._arrays = arrays
+
+    def step(self) -> None:
+        observations, rewards, terminated, truncated = self._arrays.observations, [], [], []
+        for i, (border, action) in enumerate(zip(self._borders, self._arrays.actions.tolist(), strict=True)):
+            _, reward, has_terminated, is_truncated = border.step(action)
+            observations[i] = border.array
+            rewards.append(reward)
+            terminated.append(has_terminated)
+            truncated.append(is_truncated)
+        self._arrays.rewards[:], self._arrays.terminated[:], self._arrays.truncated[:] = (
+            rewards,
+            terminated,
+            truncated,
+        )
+
+    def reset(self) -> None:
+        for i in np.flatnonzero(self._arrays.is_reset).tolist():
+            self._borders[i].reset(int(self._arrays.seeds[i]))
+            self._arrays.observations[i] = self._borders[i].array
+
+    def close(self) -> None:
+        for border in self._borders:
+            border.close()
+
+
+class Lanes(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int64], NDArray[np.float64]]):
+    """`n` copies of an environment; who steps them resets those that ended (autoreset is disabled).
+
+    Observations are float32 and actions count from 0, whatever the environment says. Every episode begins by
+    `reset(seed=...)` with a training seed that the copy's own generator draws, so what one copy does does not depend on
+    the others, nor on the number of processes.
+
+    Args:
+        spec: The environment.
+        rngs: [n] where each copy's episode seeds come from.
+        workers: Number of processes; 0 means one for each core where that pays, 1 none but this one.
+
+    Raises:
+        EnvironmentFaultError: The environment is at fault; raised by `reset` and `step` too.
+    """
+
+    def __init__(self, spec: EnvironmentSpec, rngs: Sequence[np.random.Generator], workers: int = 0) -> None:
+        n = len(rngs)
+        self.num_envs = n
+        self.autoreset_mode = AutoresetMode.DISABLED
+        self.metadata = {"autoreset_mode": AutoresetMode.DISABLED}
+        # What an environment declares may be untrue: nobody is to be misled by it, or to check it again.
+        box = spaces.Box(-math.inf, math.inf, (spec.n_features,), np.float32)
+        self.single_observation_space, self.single_action_space = box, spaces.Discrete(spec.n_actions)
+        self.observation_space = gym.vector.utils.batch_space(box, n)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, n)
+        self._rngs = list(rngs)
+        memory = _Memory.empty(n, spec.n_features)
+        self._arrays = memory.arrays()
+        n_processes = min(workers or _paying_processes(spec, n), n)
+        edges = np.linspace(0, n, n_processes + 1).astype(int).tolist()
+        self._others = [_Other(spec, memory, first, end) for first, end in zip(edges[1:-1], edges[2:], strict=True)]
+        self._copies = _Copies(spec, self._arrays.part(0, edges[1]))
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin new episodes.
+
+        Args:
+            seed: Makes the copies' generators anew; None goes on with them.
+            options: `reset_mask` [n] bool says which copies are reset; none means all.
+
+        Returns:
+            The observations [n, D] of all copies, and nothing else of interest.
+        """
+        if seed is not None:
+            words = [[seed, i] for i in range(self.num_envs)] if isinstance(seed, int) else [[s or 0] for s in seed]
+            self._rngs = [np.random.default_rng(word) for word in words]
+        arrays = self._arrays
+        arrays.is_reset[:] = True if options is None else options.get("reset_mask", True)
+        for i in np.flatnonzero(arrays.is_reset).tolist():
+            arrays.seeds[i] = episode_seeds("training", 1, self._rngs[i])[0]
+        self._together(_RESET)
+        return arrays.observations.copy(), {}
+
+    def step(
+        self, actions: NDArray[np.int64]
+    ) -> tuple[
+        NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
+    ]:
+        """Step all copies; see Gymnasium's `VectorEnv`."""
+        arrays = self._arrays
+        arrays.actions[:] = actions
+        self._together(_STEP)
+        return (
+            arrays.observations.copy(),
+            arrays.rewards.copy(),
+            arrays.terminated.copy(),
+            arrays.truncated.copy(),
+            {},
+        )
+
+    def _together(self, order: bytes) -> None:
+        for other in self._others:
+            other.begin(order)
+        try:
+            self._copies.step() if order == _STEP else self._copies.reset()
+        finally:
+            # Every answer is read, so that an answer is never taken for that to a later order.
+            faults = [other.end() for other in self._others]
+        for fault in faults:
+            if fault is not None:
+                raise fault
+
+    def close_extras(self, **_: Any) -> None:
+        """End the processes and close the copies."""
+        for other in self._others:
+            other.close()
+        self._copies.close()
+
+
+class _Other:
+    """Another process with some of the copies."""
+
+    def __init__(self, spec: EnvironmentSpec, memory: _Memory, first: int, end: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._id = spec.id
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(
+            target=_serve, args=(portable(spec), memory, first, end, theirs), daemon=True
+        )
+        self._process.start()
+        theirs.close()
+
+    def begin(self, order: bytes) -> None:
+        with contextlib.suppress(BrokenPipeError):
+            self._connection.send_bytes(order)
+
+    def end(self) -> Exception | None:
+        try:
+            fault: Exception | None = self._connection.recv()
+        except (EOFError, ConnectionResetError):
+            return EnvironmentFaultError(
+                f"a worker process of env.id={self._id} died; env.workers=1 runs the environment in this process, "
+                f"where its last words can be read"
+            )
+        return fault
+
+    def close(self) -> None:
+        self.begin(_CLOSE)
+        self._process.join(timeout=5)
+        if self._process.is_alive():
+            self._process.terminate()
+            self._process.join()
+        self._connection.close()
+
+
+def _serve(sent: bytes, memory: _Memory, first: int, end: int, connection: Connection) -> None:
+    # Ctrl-C is for the calling process; where that is gone, the connection ends, and so does this.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    copies: _Copies | None = None
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while (order := connection.recv_bytes()) != _CLOSE:
+            fault: Exception | None = None
+            try:
+                # Made with the first order, so that its faults reach the caller.
+                if copies is None:
+                    copies = _Copies(unpack(sent), memory.arrays().part(first, end))
+                copies.step() if order == _STEP else copies.reset()
+            except EnvironmentFaultError as error:
+                fault = error
+            connection.send(fault)
+    if copies is not None:
+        copies.close()
+
+
+def _paying_processes(spec: EnvironmentSpec, n: int) -> int:
+    """Return how many processes pay for `n` copies, after a short trial of one."""
+    border, rng = Border(spec, Witness(spec)), np.random.default_rng(0)
+    started, steps, ended = time.perf_counter(), 0, True
+    while (elapsed := time.perf_counter() - started) < _TRIAL_SECONDS:
+        if ended:
+            border.reset(steps)
+        _, _, terminated, truncated = border.step(int(rng.integers(spec.n_actions)))
+        ended = terminated or truncated
+        steps += 1
+    border.close()
+    return max(1, min(available_cores(), int(n * elapsed / steps / _SECONDS_WORTH_A_PROCESS)))
