@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import itertools
 import math
 import multiprocessing
 import signal
@@ -49,7 +50,7 @@ class _Arrays(NamedTuple):
     is_reset: NDArray[np.bool_]
 
     def part(self, first: int, end: int) -> _Arrays:
-        return _Arrays(*(array[first:end] for array in self))
+        return _Arrays._make(array[first:end] for array in self)
 
 
 class _Memory(NamedTuple):
@@ -76,7 +77,7 @@ class _Memory(NamedTuple):
         return cls(n, n_features, tuple(context.RawArray(kind, sizes.get(name, n)) for name, kind in fields))
 
     def arrays(self) -> _Arrays:
-        flat = [np.frombuffer(buffer, np.dtype(buffer._type_)) for buffer in self.buffers]  # noqa: SLF001
+        flat = [np.frombuffer(buffer, np.dtype(buffer._type_)) for buffer in self.buffers]
         return _Arrays(flat[0].reshape(self.n, self.n_features), *flat[1:])
 
 
@@ -112,7 +113,7 @@ class _Copies:
             border.close()
 
 
-class Lanes(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int64], NDArray[np.float64]]):
+class Lanes(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int64], NDArray[Any]]):
     """`n` copies of an environment; who steps them resets those that ended (autoreset is disabled).
 
     Observations are float32 and actions count from 0, whatever the environment says. Every episode begins by
@@ -143,7 +144,7 @@ class Lanes(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int64], NDArray
         self._arrays = memory.arrays()
         n_processes = min(workers or _paying_processes(spec, n), n)
         edges = np.linspace(0, n, n_processes + 1).astype(int).tolist()
-        self._others = [_Other(spec, memory, first, end) for first, end in zip(edges[1:-1], edges[2:], strict=True)]
+        self._others = [_Other(spec, memory, first, end) for first, end in itertools.pairwise(edges[1:])]
         self._copies = _Copies(spec, self._arrays.part(0, edges[1]))
 
     def reset(
@@ -159,7 +160,11 @@ class Lanes(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int64], NDArray
             The observations [n, D] of all copies, and nothing else of interest.
         """
         if seed is not None:
-            words = [[seed, i] for i in range(self.num_envs)] if isinstance(seed, int) else [[s or 0] for s in seed]
+            words = (
+                [[seed, i] for i in range(self.num_envs)]
+                if isinstance(seed, int)
+                else [[s or 0] for s in seed]
+            )
             self._rngs = [np.random.default_rng(word) for word in words]
         arrays = self._arrays
         arrays.is_reset[:] = True if options is None else options.get("reset_mask", True)

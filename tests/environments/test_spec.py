@@ -52,7 +52,9 @@ def test_solved_means_reaching_the_threshold():
     assert not describe(register(CountdownEnv)).is_solved(1e9)
 
 
-@pytest.mark.parametrize("environment_id", ["NoSuchThing-v0", "no_such_module:Thing-v0", "CartPole-v77", "a b"])
+@pytest.mark.parametrize(
+    "environment_id", ["NoSuchThing-v0", "no_such_module:Thing-v0", "CartPole-v77", "a b"]
+)
 def test_unknown_environment_is_named(environment_id):
     with pytest.raises(EnvironmentFaultError, match=rf"env\.id.*'{environment_id}'") as caught:
         describe(environment_id)
@@ -60,7 +62,9 @@ def test_unknown_environment_is_named(environment_id):
 
 
 def test_wrong_number_of_names_is_refused_with_the_override():
-    with pytest.raises(EnvironmentFaultError, match=r"env\.features must name the 4.*env\.features=\[\].*got 1"):
+    with pytest.raises(
+        EnvironmentFaultError, match=r"env\.features must name the 4.*env\.features=\[\].*got 1"
+    ):
         describe("CartPole-v1", features=("x",))
     with pytest.raises(EnvironmentFaultError, match=r"env\.actions must name the 2 actions.*got 3"):
         describe("CartPole-v1", actions=("x", "y", "z"))
@@ -113,5 +117,7 @@ def test_arguments_and_wrappers_are_kept():
 
 
 def test_what_an_environment_raises_while_it_is_made_is_one_line():
-    with pytest.raises(EnvironmentFaultError, match=r"env\.id=CartPole-v1 raised TypeError.*while it was made"):
+    with pytest.raises(
+        EnvironmentFaultError, match=r"env\.id=CartPole-v1 raised TypeError.*while it was made"
+    ):
         describe("CartPole-v1", kwargs={"wheels": 3})

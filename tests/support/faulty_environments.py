@@ -20,7 +20,7 @@ class RaisingEnv(CountdownEnv):
 class RaisingInResetEnv(CountdownEnv):
     """Raises in reset."""
 
-    def reset(self, *, seed=None, options=None):
+    def reset(self, **_):
         raise RuntimeError("no fuel")
 
 
