@@ -18,7 +18,9 @@ from ge_torchrl.trees.tree import DecisionTree
 leaf, split = DecisionTree.leaf, DecisionTree.split
 
 
-def test_an_observation_outside_its_bounds_is_warned_of_once_and_the_bound_is_given_up(open_gymnasium, caplog):
+def test_an_observation_outside_its_bounds_is_warned_of_once_and_the_bound_is_given_up(
+    open_gymnasium, caplog
+):
     backend = open_gymnasium(faulty.WideEnv)
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
     assert "x0 = " in caplog.text
