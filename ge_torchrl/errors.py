@@ -30,3 +30,7 @@ class EnvironmentFaultError(UserError):
 
 class ArtefactError(UserError):
     """A file of a run is missing or unreadable."""
+
+
+class RunFaultError(Exception):
+    """A run broke off by a fault that no input explains; the message says in one line what is left of it."""
