@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run test lint format bench clean
+.PHONY: help run test lint format settings bench clean
 
 help: ## List the targets (this text)
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -30,6 +30,9 @@ lint: $(VENV)/.installed-dev ## Check style, types and the direction of imports
 format: $(VENV)/.installed-dev ## Format the code and mend what ruff can mend
 	@$(BIN)/ruff check --fix
 	@$(BIN)/ruff format
+
+settings: $(VENV)/.installed ## Write docs/settings.md from what the settings declare
+	@$(BIN)/python -m ge_torchrl.config.document > docs/settings.md
 
 bench: $(VENV)/.installed-dev ## Measure the speed of rollouts, evolution and refinement, each beside its rival
 	@$(BIN)/python tests/benchmarks/bench.py

@@ -5,8 +5,7 @@ from typing import ClassVar
 
 from ge_torchrl.config.setting import Section, probability, setting
 
-_LARGEST_POPULATION_BYTES = 8 << 30
-_CODON_BYTES = 4
+_MOST_CODONS = (8 << 30) // 4
 
 
 @dataclass(frozen=True)
@@ -134,14 +133,19 @@ class GEConfig(Section):
                 "a tournament draws from the population",
                 self.population_size,
             )
-        n_bytes = self.population_size * self.genotype_length * _CODON_BYTES
-        if n_bytes > _LARGEST_POPULATION_BYTES:
-            largest = _LARGEST_POPULATION_BYTES // (_CODON_BYTES * self.genotype_length)
+        n_codons = self.population_size * self.genotype_length
+        if n_codons > _MOST_CODONS:
+            # Whichever is the larger of the two is the one that was meant to be smaller.
+            large, other = "population_size", "genotype_length"
+            if self.genotype_length > self.population_size:
+                large, other = other, large
+            at_most = _MOST_CODONS // getattr(self, other)
             self.refuse(
-                "population_size",
-                f"at most {largest} with ge.genotype_length={self.genotype_length}",
-                f"its codons alone would take {n_bytes / (1 << 30):.0f} GiB of memory and 8 are allowed",
-                largest if largest >= 2 else None,
+                large,
+                f"at most {at_most} with ge.{other}={getattr(self, other)}",
+                f"the codons of a population take 4 bytes each, here {n_codons * 4 / (1 << 30):.0f} GiB, and 8 GiB are "
+                "allowed",
+                at_most,
             )
 
 

@@ -4,77 +4,32 @@ import pytest
 import yaml
 from configs_for_tests import VALUES, config_with
 
-from ge_torchrl.config import Config, check_key, template
-from ge_torchrl.errors import ConfigError
-from ge_torchrl.refiner_section import RefinerConfig
-from ge_torchrl.sections import (
+from ge_torchrl.config import (
+    ArchiveConfig,
+    Config,
     EnvironmentConfig,
     EvaluationConfig,
     GEConfig,
     GrammarConfig,
-    HallOfFameConfig,
+    PolishConfig,
+    RefinerConfig,
+    check_group,
+    check_key,
+    template,
 )
+from ge_torchrl.errors import ConfigError
 
 
-def test_defaults_are_the_documented_ones():
+def test_what_is_not_given_takes_the_defaults_of_its_section():
     config = Config.from_mapping(VALUES)
     assert config == Config(
-        env=EnvironmentConfig(
-            id="CartPole-v1",
-            features=(),
-            units=(),
-            actions=(),
-            solved_at=None,
-            lowest_fitness_excluded=None,
-            route="auto",
-            max_episode_steps=None,
-            workers=0,
-        ),
+        env=EnvironmentConfig(id="CartPole-v1"),
         grammar=GrammarConfig(name="tiny", bnf="<dt> ::= left | right"),
-        ge=GEConfig(
-            population_size=10,
-            generations=3,
-            genotype_length=20,
-            gene_probability=0.1,
-            crossover_probability=0.0,
-            mutation_probability=1.0,
-            tournament_size=2,
-            wraps=0,
-            single_choice_consumes=False,
-            replacement="parent_if_better",
-            elites=0,
-            parsimony="none",
-            parsimony_tolerance=0.0,
-            stop_when_solved=False,
-            max_seconds=None,
-            max_env_steps=None,
-        ),
-        evaluation=EvaluationConfig(
-            episodes=5,
-            std_penalty=0.0,
-            episode_seeds="fixed",
-            validation_episodes=100,
-            champion_candidates=10,
-            test_episodes=100,
-            threads=0,
-        ),
-        refiner=RefinerConfig(name="none"),
-        hall_of_fame=HallOfFameConfig(
-            enabled=False,
-            episodes=200,
-            keep=3,
-            max_nodes=15,
-            neighbours=0,
-            neighbours_drawn=500,
-            revisits=0,
-            revisit_factor=5,
-            final_keep=0,
-            final_factor=20,
-            final_patience=1,
-            final_step=1.0,
-            final_settling_episodes=0,
-            migrants=0,
-        ),
+        ge=GEConfig(population_size=10, generations=3, genotype_length=20, gene_probability=0.1),
+        evaluation=EvaluationConfig(episodes=5),
+        refiner=RefinerConfig(),
+        polish=PolishConfig(),
+        archive=ArchiveConfig(),
         seed=0,
     )
 
@@ -112,10 +67,10 @@ def test_mapping_goes_there_and_back_through_yaml():
     assert Config.from_mapping(yaml.safe_load(text)) == config
 
 
-@pytest.mark.parametrize("section", ["env", "grammar", "ge", "evaluation"])
-def test_missing_section_is_reported_by_its_first_key(section):
+@pytest.mark.parametrize(("section", "key"), [("env", "id"), ("grammar", "bnf")])
+def test_missing_section_is_reported_by_the_key_that_has_no_default(section, key):
     values = {name: value for name, value in VALUES.items() if name != section}
-    with pytest.raises(ConfigError, match=rf"^{section}\.\w+ has no value; expected .*; got nothing$"):
+    with pytest.raises(ConfigError, match=rf"^{section}\.{key} has no value; expected .*; got nothing$"):
         Config.from_mapping(values)
 
 
@@ -127,7 +82,7 @@ def test_missing_section_is_reported_by_its_first_key(section):
         ("sed", r"sed is unknown; .* such as seed; got sed"),
         (
             "zzz",
-            r"zzz is unknown; .* such as env, grammar, ge, evaluation, refiner, hall_of_fame, seed; got zzz",
+            r"zzz is unknown; .* such as env, grammar, ge, evaluation, refiner, polish, archive, seed; got zzz",
         ),
         ("seed.x", "seed.x is unknown"),
         ("ge.wraps.x", "ge.wraps.x is unknown"),
@@ -149,22 +104,81 @@ def test_unknown_keys_of_a_mapping_are_refused():
 def test_template_names_every_key_and_check_key_knows_them():
     keys = template()
     assert list(keys) == [field.name for field in dataclasses.fields(Config)]
-    assert keys["ge"]["population_size"] == "???"
-    assert keys["evaluation"]["validation_episodes"] == 100
+    assert keys["env"]["id"] == "???"
+    assert keys["evaluation"]["validation_episodes"] == 5000
+    assert keys["refiner"]["ppo"]["critic_hidden"] == [16, 16]
     for section, values in keys.items():
         check_key(section)
         for key in values if isinstance(values, dict) else ():
             check_key(f"{section}.{key}")
 
 
-@pytest.mark.parametrize("key", ["neighbours", "revisits", "final_keep", "migrants"])
 @pytest.mark.parametrize(
-    ("refiner", "enabled", "message"),
-    [("none", True, "nothing refines trees"), ("cmaes", False, "nothing is kept")],
+    ("key", "successor"),
+    [
+        ("hall_of_fame", "archive"),
+        ("hall_of_fame.keep", "archive.keep"),
+        ("hall_of_fame.enabled", "archive.keep, where 0 keeps no archive"),
+        ("hall_of_fame.final_settling_episodes", "polish.settling_episodes"),
+        ("refiner.cmaes", "polish"),
+        ("refiner.cmaes.max_timesteps", "polish.max_timesteps"),
+        ("refiner.name", "refiner.method"),
+        ("refiner.ppo.source", "env.route"),
+        ("refiner.ppo.scale_features", "refiner.ppo.standardise"),
+        ("refiner.ppo.scale_critic", "refiner.ppo.standardise"),
+        ("env.lowest_fitness_excluded", "env.lowest_return"),
+    ],
 )
-def test_exploring_that_would_silently_be_left_out_is_refused(key, refiner, enabled, message):
-    values = {**VALUES, "refiner": {"name": refiner}, "hall_of_fame": {"enabled": enabled, key: 1}}
-    with pytest.raises(ConfigError, match=rf"hall_of_fame\.{key} must be 0, because {message}.*; got 1"):
-        Config.from_mapping(values)
-    Config.from_mapping({**values, "hall_of_fame": {"enabled": enabled, key: 0}})
-    Config.from_mapping({**values, "refiner": {"name": "cmaes"}, "hall_of_fame": {"enabled": True, key: 1}})
+def test_a_key_that_went_names_its_successor(key, successor):
+    with pytest.raises(ConfigError, match=rf"^{key} is now {successor}; .*; got {key}$"):
+        check_key(key)
+    check_key(successor.partition(",")[0])
+
+
+@pytest.mark.parametrize(
+    "key", ["ge.elites", "ge.replacement", "ge.single_choice_consumes", "refiner.ppo.alpha_final"]
+)
+def test_a_key_that_went_for_good_says_why(key):
+    with pytest.raises(ConfigError, match=rf"^{key} is gone, because .*; got {key}$"):
+        check_key(key)
+
+
+def test_a_former_section_in_a_file_names_its_successor():
+    with pytest.raises(ConfigError, match=r"^hall_of_fame is now archive"):
+        Config.from_mapping({**VALUES, "hall_of_fame": {"keep": 3}})
+    with pytest.raises(ConfigError, match=r"^refiner\.cmaes is now polish"):
+        Config.from_mapping({**VALUES, "refiner": {"cmaes": {"moves": 3}}})
+
+
+def test_a_group_of_choices_that_went_says_what_to_type():
+    with pytest.raises(
+        ConfigError, match=r"^hall_of_fame is no choice .* expected archive=explored or archive=none"
+    ):
+        check_group("hall_of_fame")
+    check_group("refiner")
+
+
+PROPOSALS = ("neighbours", "revisits", "migrants", "final_keep")
+NO_PROPOSALS = dict.fromkeys(PROPOSALS, 0)
+
+
+@pytest.mark.parametrize("key", PROPOSALS)
+def test_proposals_from_no_archive_are_refused(key):
+    with pytest.raises(
+        ConfigError, match=rf"^archive\.{key} must be 0, because nothing is kept .*; got 1; type archive"
+    ):
+        Config.from_mapping({**VALUES, "archive": {"keep": 0, **NO_PROPOSALS, key: 1}})
+    Config.from_mapping({**VALUES, "archive": {"keep": 0, **NO_PROPOSALS}})
+    Config.from_mapping({**VALUES, "archive": {"keep": 1, key: 1}})
+
+
+@pytest.mark.parametrize("key", ["neighbours", "revisits", "final_keep"])
+def test_proposals_that_nothing_refines_are_refused(key):
+    values = {**VALUES, "refiner": {"method": "none"}, "polish": {"every": None}}
+    with pytest.raises(
+        ConfigError, match=rf"^archive\.{key} must be 0, because nothing refines trees .*; got 1"
+    ):
+        Config.from_mapping({**values, "archive": {**NO_PROPOSALS, key: 1}})
+    Config.from_mapping({**values, "archive": {**NO_PROPOSALS, "migrants": 1}})
+    Config.from_mapping({**values, "polish": {"every": 1}, "archive": {**NO_PROPOSALS, key: 1}})
+    Config.from_mapping({**values, "refiner": {"method": "cmaes"}, "archive": {**NO_PROPOSALS, key: 1}})

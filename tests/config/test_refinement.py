@@ -2,14 +2,22 @@ import pytest
 import yaml
 from configs_for_tests import VALUES
 
-from ge_torchrl.config import Config
+from ge_torchrl.config import Config, PolishConfig, ScheduleConfig
 from ge_torchrl.errors import ConfigError
-from ge_torchrl.refiner_section import ScheduleConfig
 
 
-def test_ppo_is_off_where_nothing_is_said():
-    assert not Config.from_mapping(VALUES).refiner.enabled
-    assert Config.from_mapping({**VALUES, "refiner": {"name": "thesis"}}).refiner.enabled
+def test_ppo_refines_and_local_search_polishes_where_nothing_is_said():
+    config = Config.from_mapping(VALUES)
+    assert config.refiner.enabled
+    assert (config.refiner.method, config.refiner.schedule.every) == ("ppo", 5)
+    assert config.polish.enabled
+    assert not Config.from_mapping({**VALUES, "refiner": {"method": "none"}}).refiner.enabled
+    assert not PolishConfig(every=None).enabled
+
+
+def test_polish_has_a_schedule_of_its_own():
+    assert [generation for generation in range(7) if PolishConfig(every=3).applies_to(generation)] == [3, 6]
+    assert not any(map(PolishConfig(every=None).applies_to, range(7)))
 
 
 def test_schedules_of_the_thesis_apply_four_three_and_four_times():
@@ -19,7 +27,7 @@ def test_schedules_of_the_thesis_apply_four_three_and_four_times():
     assert applications(ScheduleConfig(every=40), 200) == [40, 80, 120, 160]
     assert applications(ScheduleConfig(every=15), 50) == [15, 30, 45]
     assert applications(ScheduleConfig(generations=(50, 100, 400, 800)), 1000) == [50, 100, 400, 800]
-    assert applications(ScheduleConfig(), 100) == []
+    assert applications(ScheduleConfig(every=None), 100) == []
     assert applications(ScheduleConfig(every=1), 3) == [1, 2], "generation 0 is random"
     assert applications(ScheduleConfig(every=5, generations=(7,)), 20) == [7], "a list has the last word"
 
@@ -46,7 +54,7 @@ def test_schedules_of_the_thesis_apply_four_three_and_four_times():
         ({"ppo": {"lr_actor": 0}}, "refiner.ppo.lr_actor must be a finite number above 0"),
         ({"ppo": {"leaf_sd": -0.1}}, "refiner.ppo.leaf_sd must be a finite number of at least 0"),
         ({"ppo": {"critic_hidden": [64, "b"]}}, "refiner.ppo.critic_hidden must be a list of integers"),
-        ({"ppo": {"source": "replay"}}, "refiner.ppo.source must be one of auto, collector, fused"),
+        ({"ppo": {"straight_through": 1}}, "refiner.ppo.straight_through must be true or false"),
     ],
 )
 def test_settings_of_ppo_are_checked(values, message):
@@ -55,9 +63,7 @@ def test_settings_of_ppo_are_checked(values, message):
 
 
 def test_a_schedule_survives_the_way_through_yaml():
-    config = Config.from_mapping(
-        {**VALUES, "refiner": {"name": "thesis", "schedule": {"generations": [50, 100]}}}
-    )
+    config = Config.from_mapping({**VALUES, "refiner": {"schedule": {"generations": [50, 100]}}})
     assert config.refiner.schedule == ScheduleConfig(generations=(50, 100))
     assert Config.from_mapping(yaml.safe_load(yaml.safe_dump(config.as_mapping()))) == config
 
@@ -65,37 +71,25 @@ def test_a_schedule_survives_the_way_through_yaml():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"choice": "worst"}, "refiner.choice must be one of best_or_random, each_size"),
+        ({"choice": "worst"}, "refiner.choice must be one of each_size, best_or_random"),
         ({"min_nodes": 0}, "refiner.min_nodes must be an integer of at least 1"),
         ({"candidates": 0}, "refiner.candidates must be an integer of at least 1"),
         ({"write_back": 1}, "refiner.write_back must be true or false"),
         ({"simplify": "yes"}, "refiner.simplify must be true or false"),
-        ({"probability": 1.5}, "refiner.probability must be a number from 0 to 1"),
         ({"acceptance_episodes": -1}, "refiner.acceptance_episodes must be an integer of at least 0"),
         ({"acceptance_errors": -1}, "refiner.acceptance_errors must be a finite number of at least 0"),
-        ({"method": "sgd"}, "refiner.method must be one of ppo, cmaes"),
+        ({"method": "sgd"}, "refiner.method must be one of ppo, cmaes, none"),
         ({"ppo": {"snapshot_episodes": -1}}, "ppo.snapshot_episodes must be an integer of at least 0"),
-        ({"ppo": {"leaf_scale": 0}}, "refiner.ppo.leaf_scale must be a finite number above 0"),
-        ({"ppo": {"scale_features": "no"}}, "refiner.ppo.scale_features must be true or false"),
-        ({"ppo": {"scale_critic": 1}}, "refiner.ppo.scale_critic must be true or false"),
+        ({"ppo": {"leaf_logit": 0}}, "refiner.ppo.leaf_logit must be a finite number above 0 or null"),
+        ({"ppo": {"standardise": "no"}}, "refiner.ppo.standardise must be true or false"),
         (
-            {"ppo": {"scale_critic": True, "max_timesteps": 5000, "update_timesteps": 3000}},
-            "ppo.scale_critic must be false where .* because the first batch of samples only measures",
+            {"ppo": {"max_timesteps": 5000, "update_timesteps": 3000}},
+            "ppo.standardise must be false where .* because the first batch .*; type refiner.ppo.standardise=false",
         ),
-        (
-            {"ppo": {"scale_features": True, "max_timesteps": 5000, "update_timesteps": 3000}},
-            "ppo.scale_features must be false where .* because the first batch of samples only measures",
-        ),
-        ({"ppo": {"alpha_final": 0}}, "refiner.ppo.alpha_final must be a finite number above 0 or null"),
-        ({"ppo": {"lr_thresholds": 0}}, "ppo.lr_thresholds must be a finite number above 0 or null"),
-        ({"ppo": {"optimizer": "sgd"}}, "refiner.ppo.optimizer must be one of rmsprop, adam"),
+        ({"ppo": {"optimizer": "sgd"}}, "refiner.ppo.optimizer must be one of adam, rmsprop"),
         ({"ppo": {"minibatch_size": 1}}, "ppo.minibatch_size must be an integer of at least 2 or null"),
         ({"ppo": {"entropy_final": -1}}, "ppo.entropy_final must be a finite number of at least 0 or null"),
         ({"ppo": 3}, "refiner.ppo must be a section"),
-        ({"cmaes": {"episodes": 0}}, "refiner.cmaes.episodes must be an integer of at least 1"),
-        ({"cmaes": {"max_seconds": 0}}, "refiner.cmaes.max_seconds must be a finite number above 0 or null"),
-        ({"cmaes": {"max_timesteps": 0}}, "refiner.cmaes.max_timesteps must be an integer of at least 1"),
-        ({"cmaes": {"first_step": 0}}, "refiner.cmaes.first_step must be a finite number above 0"),
     ],
 )
 def test_settings_beyond_the_thesis_are_checked(values, message):
@@ -106,10 +100,16 @@ def test_settings_beyond_the_thesis_are_checked(values, message):
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("moves", -1, "refiner.cmaes.moves must be an integer of at least 0"),
-        ("screening_episodes", -1, "refiner.cmaes.screening_episodes must be an integer of at least 0"),
+        ("every", 0, "polish.every must be an integer of at least 1 or null"),
+        ("max_timesteps", 0, "polish.max_timesteps must be an integer of at least 1"),
+        ("max_seconds", 0, "polish.max_seconds must be a finite number above 0 or null"),
+        ("episodes", 0, "polish.episodes must be an integer of at least 1"),
+        ("screening_episodes", -1, "polish.screening_episodes must be an integer of at least 0"),
+        ("moves", -1, "polish.moves must be an integer of at least 0"),
+        ("first_step", 0, "polish.first_step must be a finite number above 0"),
+        ("settling_episodes", -1, "polish.settling_episodes must be an integer of at least 0"),
     ],
 )
-def test_settings_of_refinement_without_gradients_are_checked(key, value, message):
+def test_settings_of_the_polish_are_checked(key, value, message):
     with pytest.raises(ConfigError, match=message):
-        Config.from_mapping({**VALUES, "refiner": {"cmaes": {key: value}}})
+        Config.from_mapping({**VALUES, "polish": {key: value}})
