@@ -30,7 +30,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
 from ge_torchrl.cli import VERBS
-from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output
+from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR
 from ge_torchrl.config import Config, check_group, check_key, template
 from ge_torchrl.errors import ConfigError, UserError
@@ -55,13 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         status = verb(arguments[1:]) if verb else _run(arguments)
         sys.stdout.flush()
     except UserError as error:
-        status = _report(error)
+        return tell(error)
     except KeyboardInterrupt:
-        status = INTERRUPTED
+        return INTERRUPTED
     except BrokenPipeError:
-        if not is_output_closed():
-            raise
-        status = OUTPUT_CLOSED
+        if is_output_closed():
+            return OUTPUT_CLOSED
+        raise
     return status
 
 
@@ -117,14 +117,14 @@ def _job(values: DictConfig) -> int:
         if "joblib" in str(context.launcher.get("_target_")) and config.evaluation.threads == 0:
             # Jobs side by side share the cores: one thread each. Results do not depend on it.
             config = replace(config, evaluation=replace(config.evaluation, threads=1))
-        from ge_torchrl.run import run
+        from ge_torchrl.run.experiment import run
 
         summary = run(config, Path(context.runtime.output_dir), open_console())
     except Exception as error:  # noqa: BLE001 - it is told and the exit status tells.
         if is_output_closed():
             return OUTPUT_CLOSED  # Whatever else went wrong followed from it.
         if isinstance(error, UserError):
-            return _report(error)
+            return tell(error)
         traceback.print_exc()
         return FAULT
     if summary.stopped_by == "interrupt" and context.mode == RunMode.MULTIRUN:
@@ -178,8 +178,7 @@ def _check_override(override: Override, *, sweep: bool) -> None:
         check_group(key)
     if (choices := _choices(key)) and not names_a_file:
         raise ConfigError(f"{key} must be one of {', '.join(choices)}; got {override.get_value_string()}")
-    # The other keys are Hydra's own, and its choices of files (group=choice, group/sub=choice,
-    # group@place=choice).
+    # The other keys are Hydra's own, and its choices of files (group=choice, group/sub=choice, group@place=choice).
     if "/" not in key and key.partition(".")[0] not in ("hydra", "experiment"):
         check_key(key)
 
@@ -207,9 +206,9 @@ def _config_from(values: DictConfig) -> Config:
     if not isinstance(plain, dict):
         raise ConfigError(f"the configuration must be keys with values; got {type(plain).__name__}")
     if isinstance(env := plain.get("env"), dict) and {"env", "grammar"} & set(env):
+        first_line = "# @package _global_"
         raise ConfigError(
-            "a file of env with the sections env and grammar must begin with the line '# @package _global_'; got one "
-            "that does not"
+            f"a file of env with the sections env and grammar must begin with {first_line}; got none"
         )
     return Config.from_mapping({str(key): value for key, value in plain.items()})
 
@@ -292,15 +291,9 @@ def _parse(arguments: list[str]) -> argparse.Namespace:
     for argument in rest:
         if argument.startswith("-"):
             raise UserError(f"{argument} is an unknown flag; expected one that --help names")
-        raise UserError(
-            f"{argument} stands apart; expected all key=value together, before or after the flags"
-        )
+        together = "expected all key=value together, before or after the flags"
+        raise UserError(f"{argument} stands apart; {together}")
     return options
-
-
-def _report(error: UserError) -> int:
-    print(f"ge-torchrl: {error}", file=sys.stderr)
-    return USER_ERROR
 
 
 if __name__ == "__main__":

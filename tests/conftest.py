@@ -18,7 +18,7 @@ settings.load_profile("compiled")
 def experiment(tmp_path, monkeypatch):
     """Stand in for running and evaluating, in an empty working directory."""
     fake = FakeExperiment()
-    for name in ("run", "run.plan", "report.evaluation"):
+    for name in ("run.experiment", "run.plan", "report.evaluation"):
         monkeypatch.setitem(sys.modules, f"ge_torchrl.{name}", fake)
     monkeypatch.setattr(ge_torchrl.report, "evaluation", fake, raising=False)
     monkeypatch.chdir(tmp_path)

@@ -8,6 +8,9 @@ import warnings
 from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
+from ge_torchrl.cli.statuses import USER_ERROR
+from ge_torchrl.errors import UserError
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -43,6 +46,12 @@ def open_console() -> "Console":
             raise BrokenPipeError
 
     return OutputConsole(highlight=False)
+
+
+def tell(error: UserError) -> int:
+    """Tell what the user can mend, and return the exit status of that."""
+    print(f"ge-torchrl: {error}", file=sys.stderr)
+    return USER_ERROR
 
 
 def is_output_closed() -> bool:

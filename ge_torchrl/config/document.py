@@ -4,12 +4,12 @@
 """
 
 from collections.abc import Iterator
-from dataclasses import Field, fields, replace
+from dataclasses import MISSING, Field, fields, replace
 from typing import Any
 
-from ge_torchrl.checks import UNSET, Rule
+from ge_torchrl.checks import Rule
 from ge_torchrl.config.record import Config
-from ge_torchrl.config.setting import Section, default_of, nested, rule_of
+from ge_torchrl.config.setting import Section, follows_speed, nested, rule_of
 
 _HEAD = """\
 # Settings
@@ -18,8 +18,12 @@ Every setting has a key, such as `ge.generations`, which is changed on the comma
 
     python -m ge_torchrl env=acrobot ge.generations=40 seed=3
 
-The defaults below are those of a run whose environment says nothing else; `conf/env/NAME.yaml` has what differs for one
-environment, and `python -m ge_torchrl env=NAME --cfg job` shows what a run would take. The words `env=`, `grammar=`,
+Where two defaults stand, the first is for environments whose steps are nearly free, a million a second and more, as
+compiled kernels make them, and the second for all others. The run measures the speed at its start and writes what it
+took to its `config.yaml`; the value `null` leaves such a key open again.
+
+`conf/env/NAME.yaml` has what differs for one environment, and `python -m ge_torchrl env=NAME --cfg job` shows it
+together with all the rest. The words `env=`, `grammar=`,
 `archive=`, `polish=`, `refiner=` and `experiment=` choose a file of `conf/`, which sets several keys at once.
 
 This page is written by `make settings`; do not edit it.
@@ -54,16 +58,20 @@ def _meaning(record: type[Section]) -> str:
 def _row(record: type[Section], entry: Field[Any]) -> str:
     cells = (
         f"`{record.key(entry.name)}`",
-        _shown(default_of(entry)),
+        _default(entry),
         _allowed(rule_of(entry)),
         entry.metadata["doc"],
     )
     return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"
 
 
+def _default(entry: Field[Any]) -> str:
+    if follows_speed(entry) and entry.metadata["dear"] != entry.default:
+        return f"{_shown(entry.default)} or {_shown(entry.metadata['dear'])}"
+    return "none: to be given" if entry.default is MISSING else _shown(entry.default)
+
+
 def _shown(value: Any) -> str:
-    if value == UNSET:
-        return "none: to be given"
     if isinstance(value, tuple):
         return f"`[{', '.join(map(str, value))}]`"
     return f"`{'null' if value is None else str(value).lower() if isinstance(value, bool) else value}`"

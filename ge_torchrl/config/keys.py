@@ -22,6 +22,7 @@ _SUCCESSORS = {
 
 # What is gone without a successor, and why nobody needs it.
 _GONE = {
+    "evaluation.champion_candidates": "validation chooses among kept trees, and archive=none tests the best one",
     "ge.elites": "an offspring takes its parent's place only if it is fitter, so the best one stays",
     "ge.replacement": "an offspring takes its parent's place if it is fitter",
     "ge.single_choice_consumes": "a rule with a single production reads no codon",

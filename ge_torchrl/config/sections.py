@@ -120,8 +120,8 @@ class GEConfig(Section):
         None,
         at_least=1,
         because="a run needs steps to measure fitness",
-        doc="Environment steps that the whole run may take; null: any where steps are nearly free, elsewhere what three "
-        "minutes make.",
+        doc="Environment steps that the whole run may take; null: any where steps are nearly free, elsewhere those of "
+        "three minutes.",
     )
 
     def check_together(self) -> None:
@@ -180,12 +180,6 @@ class EvaluationConfig(Section):
         because="validation is a mean over episodes",
         dear=200,
         doc="Episodes that choose among the champions and prune them.",
-    )
-    champion_candidates: int = setting(
-        10,
-        at_least=1,
-        because="a run ends with one champion",
-        doc="Best individuals of the population that validation chooses from; the thesis tests the best one.",
     )
     test_episodes: int = setting(
         1000,

@@ -81,7 +81,7 @@ def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experim
             "env.route must be one of auto, kernel, gymnasium; got 'compiled'; compiled is now",
         ),
         (
-            ["archive.keep=0"],
+            ["archive.keep=0", "archive.neighbours=3"],
             "archive.neighbours must be 0, because nothing is kept with archive.keep=0 (archive=none",
         ),
         (["env=default"], "env.id has no value; expected a Gymnasium id such as CartPole-v1; got nothing"),
@@ -282,9 +282,23 @@ def test_ctrl_c_ends_a_run_well_and_the_rest_of_a_sweep(experiment):
     assert [config.seed for config, _ in experiment.runs] == [1, 0, 1]
 
 
+IMPORTS = """
+import sys
+sys.modules["matplotlib"] = None  # As where the extra for figures is not installed.
+from ge_torchrl.cli.output import prepare_output
+prepare_output()
+import cma, gymnasium, numba, tensordict, torch, torchrl, torchrl.collectors, torchrl.envs, torchrl.objectives
+"""
+
+
+def test_no_package_that_a_run_imports_prints_a_warning():
+    done = subprocess.run([sys.executable, "-c", IMPORTS], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 PRINTS = """
 import sys, types
-room = types.ModuleType("ge_torchrl.run")
+room = types.ModuleType("ge_torchrl.run.experiment")
 def run(config, output_dir, console):
     console.print("├─ yes: 1 ± 2 ☃")
     for line in range(1000 if "many" in sys.argv else 1):
@@ -292,7 +306,7 @@ def run(config, output_dir, console):
         print(line)
     return types.SimpleNamespace(stopped_by="generations")
 room.run, room.plan = run, lambda config: None
-sys.modules["ge_torchrl.run"] = sys.modules["ge_torchrl.run.plan"] = room
+sys.modules["ge_torchrl.run.experiment"] = sys.modules["ge_torchrl.run.plan"] = room
 from ge_torchrl.__main__ import main
 sys.exit(main(["seed=1"]))
 """

@@ -21,8 +21,10 @@ from ge_torchrl.errors import ConfigError
 
 
 def test_what_is_not_given_takes_the_defaults_of_its_section():
-    config = Config.from_mapping(VALUES)
-    assert config == Config(
+    config = Config.from_mapping(VALUES).resolved(1e8)
+    assert dataclasses.replace(
+        config, evaluation=dataclasses.replace(config.evaluation, steps_per_second=None)
+    ) == Config(
         env=EnvironmentConfig(id="CartPole-v1"),
         grammar=GrammarConfig(name="tiny", bnf="<dt> ::= left | right"),
         ge=GEConfig(population_size=10, generations=3, genotype_length=20, gene_probability=0.1),
@@ -32,6 +34,36 @@ def test_what_is_not_given_takes_the_defaults_of_its_section():
         archive=ArchiveConfig(),
         seed=0,
     )
+
+
+@pytest.mark.parametrize(
+    ("speed", "keep", "neighbours", "every", "validation", "limit"),
+    [(1e8, 8, 26, 1, 5000, None), (1e6, 8, 26, 1, 5000, None), (20_123, 3, 6, 0, 200, 3_600_000)],
+)
+def test_what_is_left_open_follows_the_speed(speed, keep, neighbours, every, validation, limit):
+    config = Config.from_mapping(VALUES).resolved(speed)
+    assert (config.archive.keep, config.archive.neighbours, config.polish.every) == (keep, neighbours, every)
+    assert (config.evaluation.validation_episodes, config.ge.max_env_steps) == (validation, limit)
+    assert config.evaluation.episodes == 5, "what was given stays"
+    assert config.evaluation.steps_per_second == float(f"{speed:.2g}")
+    assert config.resolved(speed) == config
+    assert config.resolved(config.evaluation.steps_per_second) == config, "as from the run's own config.yaml"
+    assert Config.from_mapping(config.as_mapping()) == config
+
+
+@pytest.mark.parametrize("speed", [1e4, 1e8])
+def test_what_is_left_open_proposes_nothing_where_nothing_would_come_of_it(speed):
+    alone = {**VALUES, "refiner": {"method": "none"}, "polish": {"every": 0}}
+    archive = Config.from_mapping(alone).resolved(speed).archive
+    assert (archive.neighbours, archive.revisits, archive.final_keep) == (0, 0, 0)
+    assert archive.migrants > 0
+    none = Config.from_mapping({**VALUES, "archive": {"keep": 0}}).resolved(speed).archive
+    assert (none.neighbours, none.revisits, none.migrants, none.final_keep) == (0, 0, 0, 0)
+
+
+def test_a_limit_that_was_given_stays_where_steps_are_dear():
+    config = Config.from_mapping({**VALUES, "ge": {**VALUES["ge"], "max_seconds": 60}})
+    assert config.resolved(1000).ge.max_env_steps is None
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "0", True, None])
@@ -105,7 +137,8 @@ def test_template_names_every_key_and_check_key_knows_them():
     keys = template()
     assert list(keys) == [field.name for field in dataclasses.fields(Config)]
     assert keys["env"]["id"] == "???"
-    assert keys["evaluation"]["validation_episodes"] == 5000
+    assert keys["evaluation"]["episode_seeds"] == "common"
+    assert keys["evaluation"]["validation_episodes"] is None, "it follows the speed"
     assert keys["refiner"]["ppo"]["critic_hidden"] == [16, 16]
     for section, values in keys.items():
         check_key(section)
@@ -174,7 +207,7 @@ def test_proposals_from_no_archive_are_refused(key):
 
 @pytest.mark.parametrize("key", ["neighbours", "revisits", "final_keep"])
 def test_proposals_that_nothing_refines_are_refused(key):
-    values = {**VALUES, "refiner": {"method": "none"}, "polish": {"every": None}}
+    values = {**VALUES, "refiner": {"method": "none"}, "polish": {"every": 0}}
     with pytest.raises(
         ConfigError, match=rf"^archive\.{key} must be 0, because nothing refines trees .*; got 1"
     ):

@@ -12,12 +12,12 @@ def test_ppo_refines_and_local_search_polishes_where_nothing_is_said():
     assert (config.refiner.method, config.refiner.schedule.every) == ("ppo", 5)
     assert config.polish.enabled
     assert not Config.from_mapping({**VALUES, "refiner": {"method": "none"}}).refiner.enabled
-    assert not PolishConfig(every=None).enabled
+    assert not PolishConfig(every=0).enabled
 
 
 def test_polish_has_a_schedule_of_its_own():
     assert [generation for generation in range(7) if PolishConfig(every=3).applies_to(generation)] == [3, 6]
-    assert not any(map(PolishConfig(every=None).applies_to, range(7)))
+    assert not any(map(PolishConfig(every=0).applies_to, range(7)))
 
 
 def test_schedules_of_the_thesis_apply_four_three_and_four_times():
@@ -100,7 +100,7 @@ def test_settings_beyond_the_thesis_are_checked(values, message):
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("every", 0, "polish.every must be an integer of at least 1 or null"),
+        ("every", -1, "polish.every must be an integer of at least 0 or null"),
         ("max_timesteps", 0, "polish.max_timesteps must be an integer of at least 1"),
         ("max_seconds", 0, "polish.max_seconds must be a finite number above 0 or null"),
         ("episodes", 0, "polish.episodes must be an integer of at least 1"),

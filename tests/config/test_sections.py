@@ -103,12 +103,6 @@ from ge_torchrl.errors import ConfigError
             0,
             "evaluation.validation_episodes must be an integer of at least 1",
         ),
-        (
-            "evaluation",
-            "champion_candidates",
-            0,
-            "evaluation.champion_candidates must be an integer of at least 1",
-        ),
         ("evaluation", "test_episodes", 0, "evaluation.test_episodes must be an integer of at least 1"),
         ("evaluation", "std_penalty", -0.5, "evaluation.std_penalty must be a finite number of at least 0"),
         (
@@ -163,7 +157,7 @@ def test_units_may_be_blank_and_alike_but_not_without_features():
         (
             "keep",
             -1,
-            "archive.keep must be an integer of at least 0, because it counts trees; 0 keeps no archive",
+            "archive.keep must be an integer of at least 0 or null, because it counts trees; 0 keeps no archive",
         ),
         ("max_nodes", -1, "archive.max_nodes must be an integer of at least 0"),
         ("neighbours", -1, "archive.neighbours must be an integer of at least 0"),

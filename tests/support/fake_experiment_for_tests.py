@@ -11,13 +11,13 @@ class FakeExperiment(types.ModuleType):
     """Stands in for running and evaluating: remembers what was asked, and fails where told to."""
 
     def __init__(self):
-        super().__init__("ge_torchrl.run")
+        super().__init__("ge_torchrl.run.experiment")
         self.runs: list[tuple[Config, Path]] = []
         self.evaluated: list[tuple[object, ...]] = []
         self.failures: dict[int, BaseException] = {}
         self.interrupted: set[int] = set()
 
-    def run(self, config, output_dir, console):
+    def run(self, config, output_dir, _console):
         self.runs.append((config, output_dir))
         if config.seed in self.failures:
             raise self.failures[config.seed]

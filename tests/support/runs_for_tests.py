@@ -35,7 +35,7 @@ def config(seed=0, **sections):
             "steps_per_second": 1e8,
         },
         "refiner": {"method": "none"},
-        "polish": {"every": None},
+        "polish": {"every": 0},
         "archive": {"neighbours": 0, "revisits": 0, "migrants": 0, "final_keep": 0, "episodes": 50},
         "seed": seed,
     }

@@ -53,7 +53,7 @@ def config(
 ):
     """The configuration of a run by one of `METHODS`; `changes` are of `ge`, and `archive` is the whole section."""
     settings = {**METHODS[method], **changes}
-    refiner, polish = settings.pop("refiner"), settings.pop("polish", None)
+    refiner, polish = settings.pop("refiner"), settings.pop("polish", 0)
     return Config(
         env=EnvironmentConfig(id=environment, solved_at=475.0),
         grammar=GrammarConfig(name="cartpole", bnf="<dt> ::= leaf"),
