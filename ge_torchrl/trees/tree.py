@@ -83,8 +83,7 @@ class DecisionTree:
     @classmethod
     def leaf(cls, action: int) -> DecisionTree:
         """Return the tree that always answers `action`."""
-        nothing: list[int] = []
-        return cls.axis_aligned(nothing, nothing, nothing, nothing, [action])
+        return cls.axis_aligned([], [], [], [], [action])
 
     @classmethod
     def value_leaf(

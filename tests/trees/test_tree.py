@@ -1,4 +1,5 @@
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -315,6 +316,13 @@ def test_each_array_counts_in_equality(other):
 def test_trees_are_equal_exactly_where_their_arrays_are(one, other):
     arrays = zip(one.arrays, other.arrays, strict=True)
     assert (one == other) == all(np.array_equal(of_one, of_other) for of_one, of_other in arrays)
+
+
+@given(any_trees())
+def test_a_tree_travels_between_processes(tree):
+    there = pickle.loads(pickle.dumps(tree))  # noqa: S301, our own bytes
+    assert there == tree
+    assert hash(there) == hash(tree)
 
 
 def test_both_zeros_are_one_number():
