@@ -266,7 +266,15 @@ def _environment(folder: RunFolder) -> EnvironmentSpec:
 
 def _environment_of(controller: Controller) -> EnvironmentSpec:
     names = controller.names
-    return describe(names.id, names.features, names.units, names.actions, None, names.max_episode_steps)
+    return describe(
+        names.id,
+        names.features,
+        names.units,
+        names.actions,
+        max_episode_steps=names.max_episode_steps,
+        kwargs=names.kwargs,
+        wrappers=names.wrappers,
+    )
 
 
 def _is_solved(spec: EnvironmentSpec, mean: float) -> bool | None:
