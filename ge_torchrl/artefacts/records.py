@@ -68,6 +68,8 @@ class GenerationRecord:
 class RefinementRecord:
     """One tree that the refiner refined; numbers are None where they are unknown or were not finite.
 
+    Returns are on the scale of fitness: less `evaluation.std_penalty` of their standard deviations, where it is set.
+
     Attributes:
         generation: After whose selection it happened.
         outcome: "improved" where the tree is better than before on the same unseen episodes, "not_improved",

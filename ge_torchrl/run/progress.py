@@ -15,7 +15,6 @@ from rich.text import Text
 from ge_torchrl.artefacts.records import GenerationRecord, RefinementRecord
 from ge_torchrl.config import Config
 from ge_torchrl.report.methods import method_of, refiner_of
-from ge_torchrl.report.printable import printable
 from ge_torchrl.run.remaining import duration, seconds_left
 
 # The table shows the generations that brought something new, and the last one.
@@ -142,8 +141,7 @@ class Progress:
 
     def _print(self, line: str) -> None:
         console = self._console if self._live is None else self._live.console
-        text = printable(line, console.encoding)
-        console.print(text, highlight=False, soft_wrap=True, markup=False)
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
         self._said_at = time.monotonic()
 
     def _print_record(self, record: GenerationRecord) -> None:
@@ -164,7 +162,7 @@ class Progress:
             self._live.update(self._drawn(), refresh=True)
 
     def _drawn(self) -> Group:
-        status = Text(printable(self._status(), self._console.encoding), style="dim")
+        status = Text(self._status(), style="dim")
         if self._last is None:
             return Group(status)
         table = Table(box=None, pad_edge=False, header_style="bold")

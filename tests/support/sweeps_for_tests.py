@@ -51,10 +51,10 @@ def controller(tree, names=CARTPOLE):
 def config(
     method="GE", *, seed=0, environment="CartPole-v1", generations=200, every=40, candidates=1, **changes
 ):
-    """The configuration of a run by one of `METHODS`; `changes` are of `ge`, and `archive` is the whole section."""
+    """The configuration of a run on kernels; `changes` are of `ge`, and `archive` is the whole section."""
     settings = {**METHODS[method], **changes}
     refiner, polish = settings.pop("refiner"), settings.pop("polish", 0)
-    return Config(
+    left_open = Config(
         env=EnvironmentConfig(id=environment, solved_at=475.0),
         grammar=GrammarConfig(name="cartpole", bnf="<dt> ::= leaf"),
         archive=settings.pop("archive", KEEPING),
@@ -64,6 +64,7 @@ def config(
         polish=PolishConfig(every=polish),
         seed=seed,
     )
+    return left_open.resolved(steps_per_second=1e8)
 
 
 def chain(decision_nodes):
