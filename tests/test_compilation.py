@@ -6,7 +6,7 @@ import numba.core.config as numba_config
 import pytest
 
 from ge_torchrl import compilation
-from ge_torchrl.compilation import cache_directory, compiled
+from ge_torchrl.compilation import cache_directory, compiled, inlined
 
 
 @pytest.fixture
@@ -48,6 +48,14 @@ def test_kernel_is_compiled_cached_and_divides_like_numpy(tmp_path, monkeypatch,
     assert sum(again.stats.cache_hits.values()) == 1
 
 
+def test_what_is_inlined_computes_the_same_by_the_same_rules():
+    kernel = inlined(divide)
+    assert kernel(1.0, 4.0) == 0.25
+    assert kernel(1.0, 0.0) == math.inf
+    assert kernel.targetoptions["forceinline"]
+    assert kernel.targetoptions["nogil"]
+
+
 def test_decorating_leaves_numba_settings_as_they_were():
     before = numba_config.CACHE_DIR
     compiled(divide)
@@ -58,11 +66,11 @@ def test_an_edit_of_any_module_changes_the_cache(package):
     copy, directory = package
     before = directory()
     assert directory() == before
-    with (copy / "trees" / "labels.py").open("a") as source:
+    with (copy / "trees" / "tree.py").open("a") as source:
         source.write("# edited\n")
     edited = directory()
     assert edited != before
-    (copy / "trees" / "labels.py").rename(copy / "trees" / "names.py")
+    (copy / "trees" / "tree.py").rename(copy / "trees" / "bush.py")
     assert directory() not in (before, edited)
 
 

@@ -1,1 +1,1 @@
-"""Environments: what they are, how fast they run, and one truth on two routes."""
+"""Environments: what they are, how fast they run, and one truth from two backends."""

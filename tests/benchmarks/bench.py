@@ -4,7 +4,6 @@ Times are the best of a few repetitions, since other work on the machine only ev
 test: a slow machine fails no build.
 """
 
-import itertools
 import os
 import subprocess
 import sys
@@ -13,24 +12,16 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import gymnasium as gym
 import hydra
-import numpy as np
+from bench_rollouts import ENVIRONMENTS, bench_linearity, bench_rollouts
 from rich.console import Console
 from rich.table import Table
 
 from ge_torchrl.__main__ import _CONF, _VERSION_BASE, _config_from, _prepare_hydra
 from ge_torchrl.artefacts import RunFolder
 from ge_torchrl.config import Config
-from ge_torchrl.environments.choose import open_route
 from ge_torchrl.experiment import plan, run
-from ge_torchrl.ge.mapping import map_population
-from ge_torchrl.ge.operators import random_population
-from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.simplify import simplify_forest
 
-ENVIRONMENTS = ("cartpole", "mountaincar", "acrobot")
-TREES, EPISODES = 200, 128
 console = Console(width=110)
 
 
@@ -44,91 +35,6 @@ def composed(*overrides: str) -> Config:
 def config(environment: str, seed: int = 0) -> Config:
     """The thesis' settings of an environment."""
     return composed(f"experiment=thesis/{environment}", "refiner=none", f"seed={seed}")
-
-
-def distinct_trees(environment: str, n: int):
-    """Trees of a half-evolved population, all different after simplification, as fitness meets them."""
-    planned = plan(config(environment))
-    low, high = planned.spec.low, planned.spec.high
-    rng = np.random.default_rng(0)
-    trees = {}
-    while len(trees) < n:
-        codons = random_population(500, planned.config.ge.genotype_length, rng)
-        forest = simplify_forest(map_population(codons, planned.tables).forest, low, high)
-        for index in np.flatnonzero(forest.sizes > 1):
-            trees.setdefault(forest.tree(index))
-    return planned.spec, list(itertools.islice(trees, n))
-
-
-def gymnasium_loop(spec, trees, seconds: float) -> float:
-    """Steps per second of the loop that everybody writes: one environment, one tree, plain Python."""
-    environment = gym.make(spec.id)
-    nested = [as_nested(tree) for tree in trees]
-    steps, started = 0, time.perf_counter()
-    for seed, tree in zip(itertools.count(), itertools.cycle(nested), strict=False):
-        observation, _ = environment.reset(seed=seed)
-        ended = False
-        while not ended:
-            node = tree
-            while isinstance(node, tuple):
-                feature, threshold, left, right = node
-                node = left if observation[feature] < threshold else right
-            observation, _, terminated, truncated, _ = environment.step(node)
-            ended = terminated or truncated
-            steps += 1
-        if time.perf_counter() - started > seconds:
-            return steps / (time.perf_counter() - started)
-    raise AssertionError
-
-
-def as_nested(tree, node=0):
-    """The tree as nested tuples, the quickest form for plain Python."""
-    if tree.children_left[node] == tree.NO_CHILD:
-        return int(tree.action[node])
-    children = tree.children_left[node], tree.children_right[node]
-    return (
-        int(tree.feature[node]),
-        tree.threshold[node],
-        *(as_nested(tree, int(child)) for child in children),
-    )
-
-
-def best_of(n: int, function) -> float:
-    """Seconds of the fastest of `n` calls."""
-    times = []
-    for _ in range(n):
-        started = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - started)
-    return min(times)
-
-
-def bench_rollouts() -> None:
-    table = Table(
-        title=f"Evaluating {TREES} different trees on {os.cpu_count()} cores: million environment steps a second"
-    )
-    for column in (
-        "environment",
-        "Gymnasium loop",
-        "5 episodes a tree",
-        "ratio",
-        f"{EPISODES} episodes a tree",
-        "ratio",
-    ):
-        table.add_column(column, justify="left" if column == "environment" else "right")
-    for environment in ENVIRONMENTS:
-        spec, trees = distinct_trees(environment, TREES)
-        rival = gymnasium_loop(spec, trees, seconds=3)
-        cells = [spec.id, f"{rival / 1e6:.3f}"]
-        route = open_route(spec, "compiled")
-        for n_episodes in (5, EPISODES):
-            forest, seeds = Forest.stack(trees), np.arange(n_episodes)
-            steps = route.evaluate(forest, seeds).env_steps
-            rate = steps / best_of(7, lambda f=forest, s=seeds, r=route: r.evaluate(f, s))
-            cells += [f"{rate / 1e6:.0f}", f"{rate / rival:.0f} x"]
-        route.close()
-        table.add_row(*cells)
-    console.print(table)
 
 
 def bench_runs() -> None:
@@ -170,29 +76,17 @@ def timed_run(configured: Config):
 
 
 def bench_scaling() -> None:
-    table = Table(title="Cost is linear: seconds of evaluating random trees of CartPole (best of 7)")
-    for column in ("doubled", "1 x", "2 x", "4 x", "8 x", "8 x / 1 x"):
-        table.add_column(column, justify="left" if column == "doubled" else "right")
+    table = Table(title="Cost is linear: seconds of evolving 1,000 random trees of CartPole (best of 2)")
+    for column in ("25 generations", "50", "100", "200", "8 x / 1 x"):
+        table.add_column(column, justify="right")
     planned = plan(config("cartpole"))
-    route = open_route(planned.spec, "compiled")
-
-    def evaluation(population: int, episodes: int) -> float:
-        codons = random_population(population, 100, np.random.default_rng(1))
-        forest, seeds = map_population(codons, planned.tables).forest, np.arange(episodes)
-        return best_of(7, lambda: route.evaluate(forest, seeds))
 
     def evolution(generations: int) -> float:
         ge = replace(planned.config.ge, generations=generations, population_size=1000)
         return min(timed_run(replace(planned.config, ge=ge))[0].evolve_seconds for _ in range(2))
 
-    rows = {
-        "population (1,000 trees, 8 episodes)": [evaluation(1000 * n, 8) for n in (1, 2, 4, 8)],
-        "episodes (1,000 trees, 64 episodes)": [evaluation(1000, 64 * n) for n in (1, 2, 4, 8)],
-        "generations (1,000 trees, 25 generations)": [evolution(25 * n) for n in (1, 2, 4, 8)],
-    }
-    route.close()
-    for name, seconds in rows.items():
-        table.add_row(name, *(f"{s:.4f}" for s in seconds), f"{seconds[-1] / seconds[0]:.1f}")
+    seconds = [evolution(25 * n) for n in (1, 2, 4, 8)]
+    table.add_row(*(f"{s:.4f}" for s in seconds), f"{seconds[-1] / seconds[0]:.1f}")
     console.print(table)
 
 
@@ -233,6 +127,7 @@ def bench_start() -> None:
 
 if __name__ == "__main__":
     bench_rollouts()
+    bench_linearity()
     bench_runs()
     bench_scaling()
     bench_start()

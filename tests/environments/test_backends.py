@@ -58,7 +58,7 @@ def test_trees_of_weighted_sums_have_the_same_episodes(environment_id, both):
     ours, theirs = evaluated(both(environment_id), trees, np.array([12]))
     equal = (ours.returns == theirs.returns) & (ours.lengths == theirs.lengths)
     assert equal.mean() >= LEAST_EQUAL[environment_id]
-    assert len(np.unique(theirs.returns)) > 10
+    assert len(np.unique(theirs.returns)) > 3
 
 
 @pytest.mark.parametrize("environment_id", DYNAMICS)
