@@ -269,7 +269,7 @@ class KernelSampler:
 
 def has_kernel(spec: EnvironmentSpec) -> bool:
     """Tell whether there is a kernel of the environment just as it is; any limit of its episodes will do."""
-    return spec.id in DYNAMICS  # TEMP and not spec.names.kwargs and not spec.names.wrappers
+    return spec.id in DYNAMICS and not spec.names.kwargs and not spec.names.wrappers
 
 
 def _ranges(n: int, n_parts: int) -> list[tuple[int, int]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -59,15 +59,19 @@ class Threads:
         """
         self._ledger.check()
         shared = _Shared(tasks, purpose, self._ledger)
-        if self._pool is None or most_steps < _STEPS_WORTH_THREADS:
-            shared.work()
-        else:
+        helpers: list[Future[None]] = []
+        if self._pool is not None and most_steps >= _STEPS_WORTH_THREADS:
             helpers = [self._pool.submit(shared.work) for _ in range(self.n - 1)]
+        try:
             shared.work()
             running = [helper for helper in helpers if not helper.cancel()]
             with self._hurried(shared.error is not None):
                 while wait(running, _PATIENCE).not_done:
                     self._ledger.beat()
+        except BaseException as error:
+            # Ctrl-C, say: helpers end with their present task.
+            shared.error = error
+            raise
         if shared.error is not None:
             raise shared.error
 

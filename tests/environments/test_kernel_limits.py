@@ -114,3 +114,20 @@ def test_jobs_too_hold_the_limit_of_time(opened):
     with pytest.raises(ValueError, match="a job broke"):
         backend.run_jobs([broken, endless])
     assert backend.limit is None
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_a_sign_of_life_raises_ends_the_call(threads, opened):
+    """So does Ctrl-C, which comes at any place of the calling thread."""
+    backend = opened("Acrobot-v1", threads)
+
+    def interrupt(n_steps):
+        if n_steps > 0:
+            raise KeyboardInterrupt
+
+    backend.on_steps = interrupt
+    started = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        backend.evaluate(Forest.stack([leaf(1)] * 100), np.arange(10_000), "validation")
+    backend.close()
+    assert time.perf_counter() - started < 3.0
