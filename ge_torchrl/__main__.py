@@ -33,7 +33,7 @@ from ge_torchrl.cli import VERBS
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR
 from ge_torchrl.config import Config, check_group, check_key, template
-from ge_torchrl.errors import ConfigError, UserError
+from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 
 _LONGEST_NAME = 160
 _VERSION_BASE = "1.3"
@@ -123,7 +123,7 @@ def _job(values: DictConfig) -> int:
     except Exception as error:  # noqa: BLE001 - it is told and the exit status tells.
         if is_output_closed():
             return OUTPUT_CLOSED  # Whatever else went wrong followed from it.
-        if isinstance(error, UserError):
+        if isinstance(error, UserError | RunFaultError):
             return tell(error)
         traceback.print_exc()
         return FAULT

@@ -8,8 +8,8 @@ import warnings
 from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
-from ge_torchrl.cli.statuses import USER_ERROR
-from ge_torchrl.errors import UserError
+from ge_torchrl.cli.statuses import FAULT, USER_ERROR
+from ge_torchrl.errors import RunFaultError, UserError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -48,10 +48,10 @@ def open_console() -> "Console":
     return OutputConsole(highlight=False)
 
 
-def tell(error: UserError) -> int:
-    """Tell what the user can mend, and return the exit status of that."""
+def tell(error: UserError | RunFaultError) -> int:
+    """Tell in one line what went wrong, and return the exit status of that."""
     print(f"ge-torchrl: {error}", file=sys.stderr)
-    return USER_ERROR
+    return USER_ERROR if isinstance(error, UserError) else FAULT
 
 
 def is_output_closed() -> bool:

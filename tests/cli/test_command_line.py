@@ -9,7 +9,7 @@ import pytest
 import ge_torchrl
 from ge_torchrl import __main__ as command_line
 from ge_torchrl.__main__ import main
-from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.errors import EnvironmentFaultError, RunFaultError
 
 
 def test_each_run_has_a_folder_of_its_own_and_nothing_else_is_written(experiment, tmp_path):
@@ -158,6 +158,14 @@ def test_error_that_the_user_can_mend_is_one_line(experiment, capsys):
     experiment.failures[0] = EnvironmentFaultError("env.id must be known; got Foo-v0")
     assert main([]) == 2
     assert capsys.readouterr().err == "ge-torchrl: env.id must be known; got Foo-v0\n"
+
+
+def test_run_that_broke_off_is_one_line_and_a_fault(experiment, capsys):
+    experiment.failures[0] = RunFaultError(
+        "the run broke off (ZeroDivisionError: a bug); the best tree so far is in x"
+    )
+    assert main([]) == 1
+    assert capsys.readouterr().err == f"ge-torchrl: {experiment.failures[0]}\n"
 
 
 def test_fault_of_the_program_shows_its_traceback_without_hydras_frames(experiment, capsys):
