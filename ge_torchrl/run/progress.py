@@ -15,7 +15,7 @@ from rich.text import Text
 from ge_torchrl.artefacts.records import GenerationRecord, RefinementRecord
 from ge_torchrl.config import Config
 from ge_torchrl.report.methods import method_of, refiner_of
-from ge_torchrl.run.remaining import duration, seconds_left
+from ge_torchrl.run.remaining import Pace, duration, seconds_left
 
 # The table shows the generations that brought something new, and the last one.
 _SHOWN_ROWS = 12
@@ -132,12 +132,17 @@ class Progress:
         if self._phase:
             parts.insert(0, self._phase)
         if self._left is not None:
-            left = self._left - (time.monotonic() - self._left_from)
-            parts.append(f"about {duration(max(0.0, left))} left")
+            # An estimate that is used up says nothing more.
+            left = round(self._left - (time.monotonic() - self._left_from))
+            parts += [f"about {duration(left)} left"] * (left > 0)
         return ", ".join(parts)
 
+    def _pace(self, record: GenerationRecord) -> Pace:
+        first = self._milestones[0] if self._milestones else record
+        return Pace.between(first, record)
+
     def _left_after(self, record: GenerationRecord) -> float:
-        return seconds_left(record, self._ge, self._fraction_after_search)
+        return seconds_left(record, self._pace(record), self._ge, self._fraction_after_search)
 
     def _print(self, line: str) -> None:
         console = self._console if self._live is None else self._live.console
@@ -181,7 +186,6 @@ class Progress:
         return Group(table, below, status)
 
     def _cells(self, record: GenerationRecord) -> list[str]:
-        elapsed = max(record.elapsed_seconds, 1e-9)
         cells = {
             _GENERATION: str(record.generation),
             _BEST: _number(record.best),
@@ -189,7 +193,7 @@ class Progress:
             _NODES: "-" if record.best_decision_nodes is None else str(record.best_decision_nodes),
             _REFINED: f"{record.refined:,}",
             _POLISHED: f"{record.polished:,}",
-            _RATE: _rate(record.env_steps / elapsed),
+            _RATE: _rate(self._pace(record).steps_per_second),
             _LEFT: duration(self._left_after(record)),
         }
         return [cells[title] for title in self._columns]

@@ -1,26 +1,59 @@
-"""How much longer a run takes."""
+"""How fast a run goes on, and how much longer it takes."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from ge_torchrl.artefacts.records import GenerationRecord
 from ge_torchrl.config import GEConfig
 
 
-def seconds_left(record: GenerationRecord, config: GEConfig, fraction_after_search: float) -> float:
+@dataclass(frozen=True)
+class Pace:
+    """How fast a search goes on, what came before its first generation left out: compiling, importing, measuring.
+
+    Attributes:
+        seconds_per_generation: Mean clock time of a generation.
+        steps_per_second: Environment steps a second.
+    """
+
+    seconds_per_generation: float
+    steps_per_second: float
+
+    @classmethod
+    def between(cls, first: GenerationRecord, last: GenerationRecord) -> Pace:
+        """Return the pace from the end of one generation to the end of another.
+
+        Args:
+            first: A generation of the run; with no other yet it tells by its own clock.
+            last: The last one.
+        """
+        generations = last.generation - first.generation
+        if generations == 0:
+            seconds = last.evaluation_seconds + last.variation_seconds
+            return cls(seconds / (last.generation + 1), last.env_steps / max(seconds, 1e-9))
+        seconds = last.elapsed_seconds - first.elapsed_seconds
+        return cls(seconds / generations, (last.env_steps - first.env_steps) / max(seconds, 1e-9))
+
+
+def seconds_left(
+    record: GenerationRecord, pace: Pace, config: GEConfig, fraction_after_search: float
+) -> float:
     """Return the seconds that a run still takes after a generation, its limits held, as far as one can tell.
 
     Args:
-        record: The generation; those to come are taken to last as long as those so far.
+        record: The generation.
+        pace: Taken to be that of the generations to come.
         config: How many generations are planned, and the limits.
         fraction_after_search: Share of the whole run's time that everything after the last generation takes.
     """
-    elapsed, done = record.elapsed_seconds, record.generation + 1
-    search = elapsed * config.generations / done
+    elapsed = record.elapsed_seconds
+    search = elapsed + pace.seconds_per_generation * (config.generations - record.generation - 1)
     left = search / (1 - fraction_after_search) - elapsed
     if config.max_seconds is not None:
         left = min(left, config.max_seconds - elapsed)
-    if config.max_env_steps is not None and record.env_steps > 0:
-        left = min(left, elapsed * (config.max_env_steps / record.env_steps - 1))
+    if config.max_env_steps is not None and pace.steps_per_second > 0:
+        left = min(left, (config.max_env_steps - record.env_steps) / pace.steps_per_second)
     return max(0.0, left)
 
 

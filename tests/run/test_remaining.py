@@ -4,12 +4,17 @@ from hypothesis import strategies as st
 from records_for_tests import generation
 
 from ge_torchrl.config import GEConfig
-from ge_torchrl.run.remaining import duration, seconds_left
+from ge_torchrl.run.remaining import Pace, duration, seconds_left
+
+
+def record(number, elapsed, steps=1000):
+    return generation(number, 1.0, steps=steps, elapsed_seconds=elapsed)
 
 
 def after(number, elapsed, *, fraction=0.0, steps=1000, **limits):
-    record = generation(number, 1.0, steps=steps, elapsed_seconds=elapsed)
-    return seconds_left(record, GEConfig(generations=10, **limits), fraction)
+    """Seconds left at two seconds and so many steps a generation."""
+    pace = Pace(2.0, steps / 2.0)
+    return seconds_left(record(number, elapsed, steps), pace, GEConfig(generations=10, **limits), fraction)
 
 
 def test_generations_to_come_last_as_long_as_those_so_far():
@@ -33,6 +38,18 @@ def test_no_more_than_the_limits_leave():
 @given(st.integers(0, 9), st.floats(0, 1e6), st.floats(0, 0.99))
 def test_it_is_never_negative(number, elapsed, fraction):
     assert after(number, elapsed, fraction=fraction) >= 0.0
+
+
+def test_the_pace_leaves_out_what_came_before_the_first_generation():
+    # Compiling took 100 s.
+    first, last = record(0, 101.0), record(4, 105.0)
+    assert Pace.between(first, last) == Pace(1.0, 1000.0)
+
+
+def test_the_first_generation_tells_by_its_own_clock():
+    # Its rollouts and its variation took half a second.
+    only = record(0, 101.0)
+    assert Pace.between(only, only) == Pace(0.5, 2000.0)
 
 
 @pytest.mark.parametrize(
