@@ -51,7 +51,7 @@ class Config(Section):
             for name in ("neighbours", "revisits", "final_keep"):
                 if (getattr(self.archive, name) or 0) > 0:
                     because = "nothing refines trees with refiner.method=none and polish.every=0"
-                    self.archive.refuse(name, "0", f"{because} (refiner=none sets all)", 0)
+                    self.archive.refuse(name, "0", because, 0)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "Config":

@@ -78,6 +78,13 @@ def test_an_experiment_can_be_compared_with_another_refiner(experiment, refiner)
     assert (config.refiner.method, config.ge.generations, config.archive.keep) == (refiner, 50, 0)
 
 
+def test_a_sweep_compares_with_and_without_archive_and_polish(experiment):
+    assert main(["-m", "archive=explored,none", "polish=local,none", "env=acrobot"]) == 0
+    switched = [(config.archive.enabled, config.polish.enabled) for config, _ in experiment.runs]
+    assert switched == [(True, True), (True, False), (False, True), (False, False)]
+    assert {config.archive.final_keep for config, _ in experiment.runs} == {4, 0}
+
+
 def test_command_line_has_the_last_word_over_an_experiment(experiment):
     config = config_of(experiment, "experiment=thesis/acrobot", "ge.generations=7", "seed=9")
     assert (config.env.id, config.ge.generations, config.seed) == ("Acrobot-v1", 7, 9)
