@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
+from ge_torchrl.environments.decisions import goes_left
 from ge_torchrl.environments.dynamics import (
     ACTION,
     LANE_ROWS,
@@ -18,7 +19,6 @@ from ge_torchrl.environments.dynamics import (
     TERMINATED,
     advance,
 )
-from ge_torchrl.environments.rollouts import goes_left
 from ge_torchrl.trees.forest import ForestArrays
 
 

@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from ge_torchrl.environments.backend import Ledger, Limit
+from ge_torchrl.environments.ledger import Ledger, Limit
 
 # How long the calling thread waits for others before it gives a sign of life [s].
 _PATIENCE = 0.25

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from strategies import observations, trees, weighted_trees
 from trees_of_all_kinds import PUBLISHED, all_kinds
 
-from ge_torchrl.environments import rollouts
+from ge_torchrl.environments import decisions
 from ge_torchrl.environments.dynamics import ACTION, DYNAMICS, LANE_ROWS, LANES, OBSERVATION
 from ge_torchrl.environments.kernel_backend import KernelBackend
 from ge_torchrl.environments.rollouts import SELECT_MIN_EPISODES
@@ -39,13 +39,13 @@ def walking(forest, tree, observed):
     root = 0 if forest.num_decision_nodes[tree] else -1
     starts = arrays.split_start[tree], arrays.leaf_start[tree]
     whole = [np.full(LANES, number, np.int64) for number in (0, tree, 0, root, *starts)]
-    return rollouts._Lanes(lanes_of(observed), np.zeros(LANES), *whole)
+    return decisions.Lanes(lanes_of(observed), np.zeros(LANES), *whole)
 
 
 def selected(forest, tree, observed):
     rows = lanes_of(observed)
-    values = rollouts._leaf_values(forest.arrays, tree, False)
-    rollouts._decide_by_selects(rows, values, forest.arrays, tree)
+    values = decisions.leaf_values(forest.arrays, tree, False)
+    decisions.decide_by_selects(rows, values, forest.arrays, tree)
     return rows[ACTION : ACTION + len(observed)]
 
 
@@ -62,16 +62,16 @@ def test_selects_walks_and_sums_decide_as_numpy_does(data, tree, before):
     expected = tree.decide(observed)
     mixed = Forest.stack([before, tree])
     np.testing.assert_array_equal(selected(mixed, 1, observed), expected)
-    np.testing.assert_array_equal(walked(rollouts._decide_by_sums, mixed, 1, observed), expected)
+    np.testing.assert_array_equal(walked(decisions.decide_by_sums, mixed, 1, observed), expected)
     aligned = Forest.stack([leaf(0), tree])
-    np.testing.assert_array_equal(walked(rollouts._decide_by_walks, aligned, 1, observed), expected)
+    np.testing.assert_array_equal(walked(decisions.decide_by_walks, aligned, 1, observed), expected)
 
 
 @given(st.data(), weighted_trees(), weighted_trees())
 def test_sums_decide_as_numpy_does_for_any_weights(data, tree, before):
     observed = data.draw(observations(tree))
     forest = Forest.stack([before, tree])
-    decided = walked(rollouts._decide_by_sums, forest, 1, observed)
+    decided = walked(decisions.decide_by_sums, forest, 1, observed)
     np.testing.assert_array_equal(decided, tree.decide(observed))
 
 
