@@ -20,6 +20,7 @@ from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.errors import EnvironmentFaultError, GrammarError, RunFaultError, UserError
 from ge_torchrl.refiners.protocol import Refiner
+from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.run.allowance import Allowance, Phase
 from ge_torchrl.run.closing import closing_text
 from ge_torchrl.run.loop import Search
@@ -222,7 +223,7 @@ class _Run:
         shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
         controller = Controller(verdict.champion.pruned, self.names)
         self.console.print()
-        self.console.print(closing_text(summary, controller, shown, records), soft_wrap=True)
+        self.console.print(closing_text(summary, controller, shown, records, refiner_of(method_of(self.config))), soft_wrap=True)
 
 
 def _refiners(config: Config, backend: Backend) -> tuple[Refiner | None, Refiner | None]:
