@@ -25,7 +25,7 @@ _Result = TypeVar("_Result")
 _logger = logging.getLogger(__name__)
 
 # Random steps that look for untrue bounds, always as many, so that what is found is the same in every run.
-_PROBED_STEPS = 400
+_PROBED_STEPS = 200
 # Then so many are timed, or as many as half a second takes.
 _TIMED_STEPS = 2000
 _TIMED_SECONDS = 0.5
