@@ -11,10 +11,18 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.backend import Accountable, Backend, Ledger, Outcomes, Sampler, Trajectory
+from ge_torchrl.environments.backend import (
+    Accountable,
+    Backend,
+    Ledger,
+    Outcomes,
+    Sampler,
+    Trajectory,
+    available_cores,
+)
 from ge_torchrl.environments.border import Witness
 from ge_torchrl.environments.gymnasium_runner import Jobs, LedgerWatch, Played, Runner, Watch
-from ge_torchrl.environments.gymnasium_workers import Workers, available_cores
+from ge_torchrl.environments.gymnasium_workers import Workers
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.seeding import episode_seeds

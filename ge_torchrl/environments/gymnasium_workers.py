@@ -30,13 +30,6 @@ _LOOK_SECONDS = 0.1
 _STOP_SECONDS = 10.0
 
 
-def available_cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def portable(spec: EnvironmentSpec) -> bytes:
     """Return what a new process needs to make the environment, itself registered by the calling program perhaps.
 

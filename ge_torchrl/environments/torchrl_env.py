@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from torchrl.envs import EnvBase, GymWrapper, RewardSum, TransformedEnv
 
-from ge_torchrl.environments.lanes import Lanes
 from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.environments.vector_env import VectorEnvironment
 
 
 def make_torchrl_env(
@@ -39,5 +39,5 @@ def make_torchrl_env(
         EnvironmentFaultError: The environment is at fault; raised by later resets and steps too.
     """
     generators = [np.random.default_rng([0, i]) for i in range(n)] if rngs is None else rngs
-    environment = GymWrapper(Lanes(spec, generators, workers), categorical_action_encoding=True)
+    environment = GymWrapper(VectorEnvironment(spec, generators, workers), categorical_action_encoding=True)
     return TransformedEnv(environment, RewardSum())

@@ -211,6 +211,6 @@ def test_a_deadline_ends_a_long_episode_and_signs_of_life_come_before(open_gymna
     with pytest.raises(LimitReachedError) as caught:
         backend.evaluate(Forest.stack([leaf(0)]), np.array([0]), "fitness")
     assert caught.value.reason == "max_seconds"
-    assert 1.0 <= time.perf_counter() - started < 1.1
+    assert 1.0 <= time.perf_counter() - started < 1.25
     assert len(beats) >= 3
     assert beats == sorted(beats)

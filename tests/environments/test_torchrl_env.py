@@ -11,7 +11,7 @@ from tensordict.nn import TensorDictModule
 from torchrl.collectors import Collector
 from torchrl.envs.utils import check_env_specs
 
-from ge_torchrl.environments import lanes
+from ge_torchrl.environments import vector_env
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.environments.torchrl_env import make_torchrl_env
@@ -150,8 +150,8 @@ def test_a_process_that_dies_is_one_line(monkeypatch):
 
 
 def test_processes_are_started_where_steps_are_dear(monkeypatch):
-    monkeypatch.setattr(lanes, "available_cores", lambda: 4)
+    monkeypatch.setattr(vector_env, "available_cores", lambda: 4)
     cheap, dear = describe(register(WalkEnv)), describe(register(faulty.SlowStepEnv))
-    assert lanes._paying_processes(cheap, 16) == 1
-    assert lanes._paying_processes(dear, 16) == 4
-    assert lanes._paying_processes(dear, 1) > 1
+    assert vector_env._paying_processes(cheap, 16) == 1
+    assert vector_env._paying_processes(dear, 16) == 4
+    assert vector_env._paying_processes(dear, 1) > 1

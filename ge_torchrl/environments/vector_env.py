@@ -1,7 +1,7 @@
-"""A Gymnasium vector environment of many copies, stepped side by side in this process and, where it pays, in others.
+"""A Gymnasium vector environment: many copies, stepped in this process and, where it pays, in others too.
 
-Gymnasium's own ones do the same: `SyncVectorEnv` in one process, at a tenth more a step for merging what copies tell
-about themselves; `AsyncVectorEnv` with a process for each copy, which pays for none of our environments.
+Gymnasium's own `SyncVectorEnv` has one process, and `AsyncVectorEnv` one for each copy; here each process has its share
+of the copies, and seeds, types and faults are those of the border.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from ge_torchrl.environments.backend import available_cores
 from ge_torchrl.environments.border import Border, Witness
-from ge_torchrl.environments.gymnasium_workers import available_cores, portable, unpack
+from ge_torchrl.environments.gymnasium_workers import portable, unpack
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.seeding import episode_seeds
@@ -113,7 +114,7 @@ class _Copies:
             border.close()
 
 
-class Lanes(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int64], NDArray[Any]]):
+class VectorEnvironment(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int64], NDArray[Any]]):
     """`n` copies of an environment; who steps them resets those that ended (autoreset is disabled).
 
     Observations are float32 and actions count from 0, whatever the environment says. Every episode begins by
