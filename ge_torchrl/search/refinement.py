@@ -46,7 +46,8 @@ class Refinement:
             FAILED; None where the refiner was not due.
         fitness_before: Of the proposal's tree on the measuring episodes; NaN where the refiner was not due.
         fitness_after: Of `refined` on them.
-        fitness_snapped: Of `refined`, snapped, on them; None where it is not snapped.
+        snapped: `refined` on the grammar's constants; None where it is not snapped, or cannot be.
+        fitness_snapped: Of `snapped` on them.
         seconds: Clock time of the refiner, shared out evenly over its batch.
     """
 
@@ -58,6 +59,7 @@ class Refinement:
     outcome: str | None = None
     fitness_before: float = math.nan
     fitness_after: float = math.nan
+    snapped: DecisionTree | None = None
     fitness_snapped: float | None = None
     seconds: float = 0.0
 
@@ -125,10 +127,14 @@ def refine_proposals(problem: Problem, proposals: Sequence[Proposal], generation
 
 def snapped(problem: Problem, tree: DecisionTree) -> DecisionTree:
     """Return a tree on the grammar's constants; as it is where the grammar has none for it."""
+    return _on_constants(problem, tree) or tree
+
+
+def _on_constants(problem: Problem, tree: DecisionTree) -> DecisionTree | None:
     try:
         return snap(tree, problem.tables.grammar)
     except UnencodableTreeError:
-        return tree
+        return None
 
 
 def is_clearly_better(returns: NDArray[np.float64], than: NDArray[np.float64], errors: float) -> bool:
@@ -182,17 +188,18 @@ def _refined(
     name = f"refinement, generation {generation}"
     results = _batches(problem, refiner, refinements, trees, name)
     accepted = _accepted(problem, trees, [one.tree for one in results], generation)
-    snaps = [snapped(problem, tree) for tree in accepted] if problem.config.refiner.write_back else []
     settings = problem.config.refiner
+    snaps = [_on_constants(problem, tree) if settings.write_back else None for tree in accepted]
     rng = stream(problem.config.seed, f"measuring, generation {generation}")
     fitness = measure(
         problem.backend,
-        Forest.stack([*trees, *accepted, *snaps]),
+        Forest.stack([*trees, *accepted, *(tree for tree in snaps if tree is not None)]),
         episode_seeds("training", settings.measuring_episodes, rng),
         MEASURING,
         problem.config.evaluation.std_penalty,
     ).tolist()
     n, seconds = len(trees), (time.perf_counter() - started) / len(trees)
+    of_snapped = iter(fitness[2 * n :])
     return [
         replace(
             refinement,
@@ -202,7 +209,8 @@ def _refined(
             outcome=_outcome(results[i].training, fitness[i], fitness[n + i]),
             fitness_before=fitness[i],
             fitness_after=fitness[n + i],
-            fitness_snapped=fitness[2 * n + i] if snaps else None,
+            snapped=snaps[i],
+            fitness_snapped=None if snaps[i] is None else next(of_snapped),
             seconds=seconds,
         )
         for i, refinement in enumerate(refinements)
