@@ -135,7 +135,8 @@ def _settled(problem: Problem, trees: list[DecisionTree]) -> list[DecisionTree]:
 def contenders_of(problem: Problem, state: SearchState) -> list[Contender | Member]:
     """Return who competes for the champion: all kept trees, the fittest individual and the best refined tree.
 
-    Without an archive it is the fitter of the last two alone, as in the thesis.
+    Without an archive it is the fitter of the last two alone, as in the thesis. Of equals the first is taken: a kept tree
+    knows where it comes from.
     """
     population = state.population
     best = population.best
@@ -148,7 +149,7 @@ def contenders_of(problem: Problem, state: SearchState) -> list[Contender | Memb
         fittest.append(state.best_refined)
     if problem.config.archive.keep == 0:
         return [max(fittest, key=lambda contender: contender.fitness)] if fittest else []
-    return [*fittest, *state.archive.members]
+    return [*state.archive.members, *fittest]
 
 
 def train_fitness_of(contender: Contender | Member) -> float:

@@ -39,5 +39,4 @@ class Problem:
 
     def polishes_in(self, generation: int) -> bool:
         """Tell whether the polish is due."""
-        every = self.config.polish.every
-        return self.polisher is not None and every is not None and generation > 0 and generation % every == 0
+        return self.polisher is not None and self.config.polish.applies_to(generation)

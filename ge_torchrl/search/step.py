@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ge_torchrl.environments.backend import LimitReachedError
 from ge_torchrl.errors import UnencodableTreeError
 from ge_torchrl.ge.codons import Codons
 from ge_torchrl.ge.encoding import encode
-from ge_torchrl.search.archive import POLISH, REFINEMENT, Archive, Contender, leaders, offer
+from ge_torchrl.search.archive import POLISH, POPULATION, REFINEMENT, Archive, Contender, leaders, offer
 from ge_torchrl.search.population import Evolved, Population, first_population, newcomers, next_population
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.proposals import (
@@ -32,9 +34,16 @@ from ge_torchrl.trees.tree import DecisionTree
 
 
 def first_state(problem: Problem) -> tuple[SearchState, Events]:
-    """Return the state of generation 0: a random population, and its leaders in the archive."""
-    evolved = first_population(problem)
-    archive = offer(problem, Archive(), leaders(evolved.population, problem.config.archive.max_nodes))
+    """Return the state of generation 0: a random population, and its leaders in the archive.
+
+    Where a limit breaks it off, what was measured is there.
+
+    Raises:
+        LimitReachedError: The backend's limit was reached before any tree was measured.
+    """
+    evolved, archive = first_population(problem), Archive()
+    with suppress(LimitReachedError):
+        archive = offer(problem, archive, leaders(evolved.population, problem.config.archive.max_nodes))
     state = SearchState(0, evolved.population, archive, counts=Counts(evolved.born, evolved.invalid))
     return state, _events(evolved, Refinements())
 
@@ -58,9 +67,10 @@ def step(problem: Problem, state: SearchState) -> tuple[SearchState, Events]:
     archive = offer(
         problem,
         state.archive,
+        # What is written back leads too, but is not evolution's: who is offered first gives a tree its origin.
         [
+            *_contenders(refinements),
             *leaders(written.population, problem.config.archive.max_nodes),
-            *(_contender(one) for one in refinements.refinements),
         ],
     )
     population = written.population
@@ -72,7 +82,7 @@ def step(problem: Problem, state: SearchState) -> tuple[SearchState, Events]:
         population=population,
         archive=archive,
         times_refined=_counted(state, proposals),
-        best_refined=_best_refined(state, evolved, refined),
+        best_refined=_best_refined(state.best_refined, refined),
         counts=_counts(state.counts, evolved, refined, refinements.polished),
     )
     events = _refinement_events(state, evolved.population, refined, written.slots)
@@ -156,26 +166,36 @@ def _with_fitter(
     return _WrittenBack(taken, frozenset(map(int, places[fitter])))
 
 
-def _contender(refinement: Refinement) -> Contender:
-    refined = refinement.outcome == IMPROVED
-    return Contender(refinement.tree, refinement.fitness, REFINEMENT if refined else POLISH)
+def _contenders(refinements: Refinements) -> list[Contender]:
+    return [
+        Contender(one.tree, one.fitness, _origin(one, polished=refinements.polished > 0))
+        for one in refinements.refinements
+    ]
+
+
+def _origin(refinement: Refinement, *, polished: bool) -> str:
+    if refinement.outcome == IMPROVED:
+        return REFINEMENT
+    if refinement.proposal.origin == INDIVIDUAL and not refinement.is_changed:
+        return POPULATION
+    return POLISH if polished else REFINEMENT
 
 
 def _counted(state: SearchState, proposals: Sequence[Proposal]) -> dict[bytes, int]:
     return dict(Counter(state.times_refined) + Counter(one.tree.structure for one in proposals))
 
 
-def _best_refined(state: SearchState, evolved: Evolved, refined: Sequence[Refinement]) -> Contender | None:
+def _best_refined(best: Contender | None, refined: Sequence[Refinement]) -> Contender | None:
     """Return the fittest tree that the refiner bettered, snapped where that is so too, else as it was hardened."""
-    best = state.best_refined
     for one in refined:
         if one.outcome != IMPROVED:
             continue
-        is_snapped = one.fitness_snapped is not None and one.fitness_snapped > one.fitness_before
+        tree, fitness = one.refined, one.fitness_after
         # What the grammar can say is what a person reads with ease.
-        fitness = one.fitness_snapped if is_snapped and one.fitness_snapped is not None else one.fitness_after
+        if one.snapped is not None and one.fitness_snapped is not None and one.fitness_snapped > one.fitness_before:
+            tree, fitness = one.snapped, one.fitness_snapped
         if best is None or fitness > best.fitness:
-            best = Contender(one.tree if is_snapped else one.refined, fitness, REFINEMENT)
+            best = Contender(tree, fitness, REFINEMENT)
     return best
 
 

@@ -75,11 +75,11 @@ def _tables(bnf, features, actions) -> RuleTables:
     return compile_rules(read_grammar(bnf, features, actions))
 
 
-def problem_of(backend, refiner=None, polisher=None, config=None, **sections):
-    """Return the problem of a small configuration."""
+def problem_of(backend, refines=None, polishes=None, config=None, **sections):
+    """Return the problem of a small configuration, in which these two refine and polish."""
     config = config_of(**sections) if config is None else config
     names = backend.spec.names
-    return Problem(config, _tables(config.grammar.bnf, names.features, names.actions), backend, refiner, polisher)
+    return Problem(config, _tables(config.grammar.bnf, names.features, names.actions), backend, refines, polishes)
 
 
 class Analytic(FakeBackend):
