@@ -18,7 +18,7 @@ from ge_torchrl.compilation import is_compiled_before
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
-from ge_torchrl.errors import EnvironmentFaultError, GrammarError, RunFaultError, UserError
+from ge_torchrl.errors import GrammarError, RunFaultError, UserError
 from ge_torchrl.refiners.protocol import Refiner
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.run.allowance import Allowance, Phase

@@ -121,7 +121,9 @@ def write_verdict(config: Config, names: Names, folder: RunFolder, verdict: Verd
     return records
 
 
-def write_untested(config: Config, names: Names, folder: RunFolder, best: DecisionTree, archive: Archive) -> None:
+def write_untested(
+    config: Config, names: Names, folder: RunFolder, best: DecisionTree, archive: Archive
+) -> None:
     """Write the best tree so far and the kept trees as they are: something ended the run before validation."""
     write_champion(config, names, folder, best, best, {"test_mean": None})
     sizes = sorted({member.tree.num_decision_nodes for member in archive.members})

@@ -1,4 +1,4 @@
-"""The end of a search: kept trees are refined once more, validation chooses the champion and the best tree of each size.
+"""The end of a search: kept trees are refined once more, validation chooses the champion and the best of each size.
 
 The maximum over a population of a mean over few episodes overstates itself; a second measurement, on many episodes that
 nothing was selected on, does not. The test that follows chooses nothing.
@@ -135,8 +135,8 @@ def _settled(problem: Problem, trees: list[DecisionTree]) -> list[DecisionTree]:
 def contenders_of(problem: Problem, state: SearchState) -> list[Contender | Member]:
     """Return who competes for the champion: all kept trees, the fittest individual and the best refined tree.
 
-    Without an archive it is the fitter of the last two alone, as in the thesis. Of equals the first is taken: a kept tree
-    knows where it comes from.
+    Without an archive it is the fitter of the last two alone, as in the thesis. Kept trees go first, since of equals
+    the first is taken and they know where they come from.
     """
     population = state.population
     best = population.best
@@ -157,7 +157,9 @@ def train_fitness_of(contender: Contender | Member) -> float:
     return contender.train_fitness if isinstance(contender, Member) else contender.fitness
 
 
-def choose(problem: Problem, contenders: Sequence[Contender | Member]) -> tuple[Finalist, tuple[Finalist, ...]]:
+def choose(
+    problem: Problem, contenders: Sequence[Contender | Member]
+) -> tuple[Finalist, tuple[Finalist, ...]]:
     """Choose the champion and the best tree of each size by validation, pruned on the same episodes.
 
     Of equally good trees the one with fewer decision nodes is taken, then the one that stands first.
@@ -216,7 +218,12 @@ def examine(problem: Problem, champion: Finalist, by_size: Sequence[Finalist]) -
 
 
 def evaluate_what_fits(
-    problem: Problem, trees: Sequence[DecisionTree], seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
+    problem: Problem,
+    trees: Sequence[DecisionTree],
+    seeds: NDArray[np.int64],
+    purpose: str,
+    *,
+    visits: bool = False,
 ) -> Outcomes:
     """Run trees on as many of the episodes as the backend's limit lets them, but on a first few in any case.
 

@@ -1,4 +1,4 @@
-"""Fitness: the mean return over episodes, less a penalty on its spread where asked for; and which episodes measure it."""
+"""Fitness: the mean return over episodes, less a penalty on its spread; and which episodes measure it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ def fitness_of(returns: NDArray[np.float64], std_penalty: float) -> Fitness:
     return np.where(np.isnan(fitness), WORST_FITNESS, fitness)
 
 
-def measure(backend: Backend, forest: Forest, seeds: Seeds, purpose: str, std_penalty: float = 0.0) -> Fitness:
+def measure(
+    backend: Backend, forest: Forest, seeds: Seeds, purpose: str, std_penalty: float = 0.0
+) -> Fitness:
     """Return the fitness [P] of every tree on the same episodes; see `fitness_of`.
 
     Args:

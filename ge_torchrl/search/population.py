@@ -142,9 +142,7 @@ def next_population(problem: Problem, population: Population, generation: int) -
         )
     measured = time.perf_counter()
     new_sizes = offspring.sizes if config.ge.parsimony == "lexicographic" else np.zeros_like(offspring.sizes)
-    slots, winners = replace_parents(
-        (population.fitness, sizes), (offspring.fitness, new_sizes), parents
-    )
+    slots, winners = replace_parents((population.fitness, sizes), (offspring.fitness, new_sizes), parents)
     return Evolved(
         population=population.with_places_taken(slots, offspring.take(winners)),
         born=len(codons),

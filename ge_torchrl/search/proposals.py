@@ -109,11 +109,12 @@ def propose_individuals(
     forest = population.forest
     if not settings.simplify:
         forest = map_population(population.codons, problem.tables, config.ge.wraps)
-    eligibility = Eligibility(
-        problem.backend.spec.solved_at, config.env.lowest_return, settings.min_nodes
-    )
+    eligibility = Eligibility(problem.backend.spec.solved_at, config.env.lowest_return, settings.min_nodes)
     admitted = np.array(
-        [eligibility.admits(int(n), float(f)) for n, f in zip(forest.num_decision_nodes, population.fitness)]
+        [
+            eligibility.admits(int(n), float(f))
+            for n, f in zip(forest.num_decision_nodes, population.fitness, strict=True)
+        ]
     )
     redraws, chosen = 0, "fittest"
     if settings.choice == "each_size":

@@ -1,4 +1,4 @@
-"""The refinement of a generation's proposals: one batch through the refiner, one through the polish, each measured once.
+"""Refinement of a generation's proposals: one batch through the refiner, one through the polish, each measured once.
 
 A refiner's result is accepted only where it is clearly better than its source on episodes that nothing was trained
 on. What is left is polished without gradients, snapped to the grammar's constants, and measured on the generation's
@@ -94,9 +94,7 @@ def refine_proposals(problem: Problem, proposals: Sequence[Proposal], generation
     """
     if not proposals:
         return Refinements()
-    started = [
-        Refinement(proposal, proposal.tree, proposal.tree, proposal.fitness) for proposal in proposals
-    ]
+    started = [Refinement(proposal, proposal.tree, proposal.tree, proposal.fitness) for proposal in proposals]
     if problem.refiner is not None and problem.refines_in(generation):
         started = _refined(problem, problem.refiner, started, generation)
     polish_started = time.perf_counter()

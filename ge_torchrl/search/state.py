@@ -10,33 +10,6 @@ from ge_torchrl.search.population import Population
 from ge_torchrl.search.refinement import Refinement
 
 
-@dataclass(frozen=True, eq=False)
-class SearchState:
-    """A search after some generation.
-
-    Attributes:
-        generation: 0 for the random first population.
-        population: The population.
-        archive: The kept trees.
-        times_refined: How often trees of each structure were refined.
-        best_refined: The fittest tree that refinement bettered; None before there is one.
-        counts: What was counted so far.
-    """
-
-    generation: int
-    population: Population
-    archive: Archive
-    times_refined: Mapping[bytes, int] = field(default_factory=dict)
-    best_refined: Contender | None = None
-    counts: Counts = field(default_factory=lambda: Counts())
-
-    @property
-    def best_fitness(self) -> float:
-        """The fitness of the fittest individual or refined tree."""
-        refined = self.best_refined.fitness if self.best_refined else float("-inf")
-        return max(float(self.population.fitness.max()), refined)
-
-
 @dataclass(frozen=True)
 class Counts:
     """What a search counted, from its first generation on.
@@ -56,6 +29,33 @@ class Counts:
     improved: int = 0
     refined: int = 0
     polished: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class SearchState:
+    """A search after some generation.
+
+    Attributes:
+        generation: 0 for the random first population.
+        population: The population.
+        archive: The kept trees.
+        times_refined: How often trees of each structure were refined.
+        best_refined: The fittest tree that refinement bettered; None before there is one.
+        counts: What was counted so far.
+    """
+
+    generation: int
+    population: Population
+    archive: Archive
+    times_refined: Mapping[bytes, int] = field(default_factory=dict)
+    best_refined: Contender | None = None
+    counts: Counts = Counts()
+
+    @property
+    def best_fitness(self) -> float:
+        """The fitness of the fittest individual or refined tree."""
+        refined = self.best_refined.fitness if self.best_refined else float("-inf")
+        return max(float(self.population.fitness.max()), refined)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """One generation as a function: `step(problem, state) -> state, events`. No files, no screen, no generator is carried.
 
-A generation evolves, proposes, refines, offers and writes back. A step that a limit breaks off leaves the state before it
-as it was; nothing of it has happened.
+A generation evolves, proposes, refines, writes back and offers. A step that a limit breaks off leaves the state before
+it as it was; nothing of it has happened.
 """
 
 from __future__ import annotations
@@ -137,7 +137,9 @@ def _migrate(problem: Problem, population: Population, archive: Archive, generat
     if n == 0 or not archive.members:
         return population
     slots, codons = [], []
-    drawn = stream(problem.config.seed, f"migrants, generation {generation}").integers(len(archive.members), size=n)
+    drawn = stream(problem.config.seed, f"migrants, generation {generation}").integers(
+        len(archive.members), size=n
+    )
     for slot, member in zip(np.argsort(population.fitness, kind="stable")[:n], drawn, strict=False):
         encoded = _encoded(problem, archive.members[member].tree, population.codons[slot])
         if encoded is not None:
@@ -192,7 +194,11 @@ def _best_refined(best: Contender | None, refined: Sequence[Refinement]) -> Cont
             continue
         tree, fitness = one.refined, one.fitness_after
         # What the grammar can say is what a person reads with ease.
-        if one.snapped is not None and one.fitness_snapped is not None and one.fitness_snapped > one.fitness_before:
+        if (
+            one.snapped is not None
+            and one.fitness_snapped is not None
+            and one.fitness_snapped > one.fitness_before
+        ):
             tree, fitness = one.snapped, one.fitness_snapped
         if best is None or fitness > best.fitness:
             best = Contender(tree, fitness, REFINEMENT)

@@ -194,7 +194,9 @@ def test_of_each_size_the_first_of_the_fittest_leads(individuals, max_nodes):
         if size <= max_nodes and np.isfinite(value) and is_better:
             expected[size] = index
     found = leaders(population, max_nodes)
-    assert [one.tree for one in found] == [population.forest.tree(expected[size]) for size in sorted(expected)]
+    assert [one.tree for one in found] == [
+        population.forest.tree(expected[size]) for size in sorted(expected)
+    ]
     assert [one.fitness for one in found] == [fitness[expected[size]] for size in sorted(expected)]
     assert {one.origin for one in found} <= {"population"}
 

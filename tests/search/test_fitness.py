@@ -15,6 +15,7 @@ from ge_torchrl.search.fitness import test_seeds as unseen_seeds
 from ge_torchrl.seeding import EPISODE_SEEDS
 from ge_torchrl.trees.forest import Forest
 
+
 def test_fitness_is_the_mean_return_and_an_individual_without_a_tree_is_worst():
     returns = np.array([[1, 3], [np.nan, np.nan], [-4, -8]], float)
     assert fitness_of(returns, 0.0).tolist() == [2, WORST_FITNESS, -6]

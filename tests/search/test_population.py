@@ -24,7 +24,10 @@ def backend():
 def fixed(backend, seed=0, evaluation=(), **ge):
     sections = {"population_size": 30, "genotype_length": 30, **ge}
     return problem_of(
-        backend, seed=seed, ge=sections, evaluation={"episode_seeds": "fixed", "episodes": 5, **dict(evaluation)}
+        backend,
+        seed=seed,
+        ge=sections,
+        evaluation={"episode_seeds": "fixed", "episodes": 5, **dict(evaluation)},
     )
 
 
@@ -49,9 +52,7 @@ def assert_same(one, two):
 def test_the_same_seed_gives_the_same_generations_on_any_number_of_threads(backend):
     """Law 6."""
     two_threads = cartpole(threads=2)
-    for one, two in zip(
-        populations(fixed(backend), 6), populations(fixed(two_threads), 6), strict=True
-    ):
+    for one, two in zip(populations(fixed(backend), 6), populations(fixed(two_threads), 6), strict=True):
         assert_same(one, two)
     two_threads.close()
     assert not np.array_equal(populations(fixed(backend, seed=1), 1)[0].codons, one.codons)

@@ -213,7 +213,10 @@ class TestIndividuals:
 
     def test_who_solves_the_task_or_is_too_small_is_left_out(self):
         assert [one.individual for one in self.propose([1, 100, 3, 4], candidates=5).proposals] == [2, 0]
-        assert [one.individual for one in self.propose([1] * 4, candidates=5, min_nodes=3).proposals] == [1, 2]
+        assert [one.individual for one in self.propose([1] * 4, candidates=5, min_nodes=3).proposals] == [
+            1,
+            2,
+        ]
 
     def test_the_draw_of_the_thesis_counts_its_redraws_and_depends_on_the_generation_alone(self):
         drawn = []
@@ -274,7 +277,9 @@ class TestNeighbours:
             assert len(set(structures)) == len(structures)
             assert not set(structures) & set(tried)
             assert {1, 2, 3} >= {one.tree.num_decision_nodes for one in proposals}
-            assert {(one.origin, one.individual, one.effort) for one in proposals} == {(NEIGHBOUR, None, FIRST)}
+            assert {(one.origin, one.individual, one.effort) for one in proposals} == {
+                (NEIGHBOUR, None, FIRST)
+            }
             tried.update(dict.fromkeys(structures, 1))
 
     def test_they_are_trees_of_the_grammar_and_simplified(self):

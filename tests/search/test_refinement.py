@@ -93,9 +93,7 @@ def test_better_by_so_many_standard_errors():
 def test_what_is_not_better_comes_back_as_it_was_where_acceptance_asks(
     backend, before, answer, episodes, after, outcome
 ):
-    one = refine_one(
-        backend, Answers(answer), [before], acceptance_episodes=episodes, acceptance_errors=2.0
-    )
+    one = refine_one(backend, Answers(answer), [before], acceptance_episodes=episodes, acceptance_errors=2.0)
     assert (one.refined, one.tree, one.outcome, one.is_changed) == (after, after, outcome, after != before)
     assert (one.fitness_before == one.fitness_after) == (after == before)
     assert (one.snapped, one.fitness_snapped, one.training.timesteps) == (None, None, 100)

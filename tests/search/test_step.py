@@ -1,5 +1,7 @@
 """A generation as a function: state in, state out."""
 
+import itertools
+
 import numpy as np
 import pytest
 from problems_for_tests import (
@@ -33,7 +35,14 @@ from ge_torchrl.trees.forest import Forest
 EVERYTHING = {
     "refiner": {"schedule": {"every": 2}, "candidates": 2, "acceptance_episodes": 5, "measuring_episodes": 5},
     "polish": {"every": 3},
-    "archive": {"keep": 3, "episodes": 20, "neighbours": 4, "revisits": 1, "revisit_factor": 2, "migrants": 4},
+    "archive": {
+        "keep": 3,
+        "episodes": 20,
+        "neighbours": 4,
+        "revisits": 1,
+        "revisit_factor": 2,
+        "migrants": 4,
+    },
 }
 ARCHIVE = {**EVERYTHING["archive"], "neighbours_drawn": 40, "max_nodes": 5}
 
@@ -90,7 +99,7 @@ class TestFunction:
         """A state that a file gave back, a problem made anew, another backend: the search goes on the same."""
         settings = {"evaluation": {"episodes": 3, "episode_seeds": mode}}
         states = run(everything(opened, **settings), 7)
-        for (state, _), expected in zip(states, states[1:], strict=False):
+        for (state, _), expected in itertools.pairwise(states):
             read = rebuilt(plain(state))
             assert read.population.codons is not state.population.codons
             backend = cartpole()
@@ -189,7 +198,9 @@ class TestSchedule:
         problem = refining(opened, *script, refiner={"write_back": False})
         found = run(problem, 7)
         outcomes = {
-            state.generation: event.refinement.outcome for state, events in found for event in events.refinements
+            state.generation: event.refinement.outcome
+            for state, events in found
+            for event in events.refinements
         }
         assert outcomes == {2: IMPROVED, 4: NOT_IMPROVED, 6: FAILED}
         for (state, _), (without, _) in zip(found, run(problem_of(opened), 7), strict=True):
@@ -225,9 +236,7 @@ class TestSchedule:
 
     def test_where_nobody_may_be_refined_that_is_told(self, opened):
         # Every fitness counts as the lowest possible.
-        problem = refining(
-            opened, env={"lowest_return": 500}, refiner={"choice": "best_or_random"}
-        )
+        problem = refining(opened, env={"lowest_return": 500}, refiner={"choice": "best_or_random"})
         found = run(problem, 5)
         assert [events.redraws for _, events in found] == [None, None, 20, None, 20]
         assert (problem.refiner.asked, found[-1][0].counts.refinements) == ([], 0)
@@ -353,7 +362,9 @@ class TestOneScale:
         class Wild(Analytic):
             def evaluate(self, forest, seeds, purpose, *, visits=False):
                 outcomes = super().evaluate(forest, seeds, purpose, visits=visits)
-                wild = [row for row in np.flatnonzero(forest.valid) if (forest.tree(row).threshold > 0.49).all()]
+                wild = [
+                    row for row in np.flatnonzero(forest.valid) if (forest.tree(row).threshold > 0.49).all()
+                ]
                 outcomes.returns[wild, ::2] += 30
                 return outcomes
 
@@ -398,7 +409,9 @@ class TestArchive:
             origins = {one.origin for one in state.archive.members}
             assert origins == {POPULATION, origin}
 
-    def test_neighbours_and_kept_trees_are_refined_with_the_individuals_in_one_batch_for_each_effort(self, opened):
+    def test_neighbours_and_kept_trees_are_refined_with_the_individuals_in_one_batch_for_each_effort(
+        self, opened
+    ):
         problem = everything(opened)
         *_, (state, events) = run(problem, 3)
         origins = [event.refinement.proposal.origin for event in events.refinements]
@@ -417,7 +430,7 @@ class TestArchive:
         after, stayed = last_state(problem, 3), last_state(without, 3)
         least = np.argsort(stayed.population.fitness, kind="stable")[:6]
         changed = np.flatnonzero((after.population.codons != stayed.population.codons).any(axis=1))
-        assert 0 < len(changed)
+        assert len(changed) > 0
         assert set(changed) <= set(least)
         assert (after.population.fitness[changed] > stayed.population.fitness[changed]).all()
         kept = {snap(one.tree, problem.tables.grammar) for one in after.archive.members
@@ -443,5 +456,3 @@ class TestLedger:
         assert made == backend.counted
         assert {"training", "archive", "refinement", "polish", "measuring", "neighbours"} == set(made)
         assert state.counts.refined > 0
-
-

@@ -23,7 +23,11 @@ from ge_torchrl.trees.controller import Names
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
-FEATURES, UNITS, ACTIONS = ("x", "x_dot", "theta", "theta_dot"), ("m", "m/s", "rad", "rad/s"), ("left", "right")
+FEATURES, UNITS, ACTIONS = (
+    ("x", "x_dot", "theta", "theta_dot"),
+    ("m", "m/s", "rad", "rad/s"),
+    ("left", "right"),
+)
 BNF = """
 <if>        ::= if <condition> then <action> else <action>
 <condition> ::= lt(theta, <constant>) | lt(theta_dot, <constant>)
@@ -79,7 +83,9 @@ def problem_of(backend, refines=None, polishes=None, config=None, **sections):
     """Return the problem of a small configuration, in which these two refine and polish."""
     config = config_of(**sections) if config is None else config
     names = backend.spec.names
-    return Problem(config, _tables(config.grammar.bnf, names.features, names.actions), backend, refines, polishes)
+    return Problem(
+        config, _tables(config.grammar.bnf, names.features, names.actions), backend, refines, polishes
+    )
 
 
 class Analytic(FakeBackend):
@@ -96,7 +102,7 @@ class Analytic(FakeBackend):
         low = np.array([-4.8, -np.inf, -0.42, -np.inf], np.float32)
         self.bounds = low, -low
         names = Names("Analytic-v0", FEATURES, UNITS, ACTIONS)
-        self.spec = EnvironmentSpec("Analytic-v0", names, *self.bounds, 10, True, 0, solved_at)  # noqa: FBT003
+        self.spec = EnvironmentSpec("Analytic-v0", names, *self.bounds, 10, True, 0, solved_at)
         self.purposes = []
 
     def evaluate(self, forest, seeds, purpose, *, visits=False):
@@ -236,5 +242,3 @@ def comb(*features, threshold=0.1):
     for feature in reversed(features):
         tree = split(feature, threshold, leaf(0), tree)
     return tree
-
-

@@ -24,27 +24,30 @@ def plain(value):
 
     What the clock says is left out.
     """
-    if value is None or isinstance(value, bool | int | float | str | bytes):
-        return value
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, np.ndarray):
-        return "array", value.dtype.str, value.shape, value.tobytes()
-    if is_dataclass(value):
-        return type(value).__name__, tuple(
-            (entry.name, plain(getattr(value, entry.name)))
-            for entry in fields(value)
-            if entry.init and not entry.name.endswith("seconds")
-        )
-    if hasattr(value, "_asdict"):
-        return type(value).__name__, tuple((name, plain(part)) for name, part in value._asdict().items())
-    if isinstance(value, tuple | list):
-        return "tuple", tuple(plain(part) for part in value)
-    if isinstance(value, frozenset):
-        return "frozenset", tuple(sorted(plain(part) for part in value))
-    if isinstance(value, Mapping):
-        return "dict", tuple(sorted((plain(key), plain(part)) for key, part in value.items()))
-    raise TypeError(f"a state must consist of numbers, texts, bytes and arrays; got {value!r}")
+    match value:
+        case None | bool() | int() | float() | str() | bytes():
+            told = value
+        case np.generic():
+            told = value.item()
+        case np.ndarray():
+            told = "array", value.dtype.str, value.shape, value.tobytes()
+        case frozenset():
+            told = "frozenset", tuple(sorted(plain(part) for part in value))
+        case Mapping():
+            told = "dict", tuple(sorted((plain(key), plain(part)) for key, part in value.items()))
+        case tuple(_fields=names):
+            told = type(value).__name__, _parts(value, names)
+        case tuple() | list():
+            told = "tuple", tuple(plain(part) for part in value)
+        case _ if is_dataclass(value):
+            told = type(value).__name__, _parts(value, [entry.name for entry in fields(value) if entry.init])
+        case _:
+            raise TypeError(f"a state must consist of numbers, texts, bytes and arrays; got {value!r}")
+    return told
+
+
+def _parts(value, names):
+    return tuple((name, plain(getattr(value, name))) for name in names if not name.endswith("seconds"))
 
 
 def rebuilt(value):

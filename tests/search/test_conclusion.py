@@ -1,0 +1,300 @@
+"""The end of a search: once more refined, chosen by validation, tested."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems_for_tests import (
+    BAD,
+    GOOD,
+    GOOD_WITH_DEAD_BRANCH,
+    POOR,
+    POOR_MOVED,
+    POORER,
+    Analytic,
+    Answers,
+    Noting,
+    Nudge,
+    cartpole,
+    contender,
+    leaf,
+    moved_by,
+    problem_of,
+    split,
+)
+
+from ge_torchrl.environments.backend import Limit, LimitReachedError
+from ge_torchrl.ge.encoding import snap
+from ge_torchrl.refiners.protocol import Effort
+from ge_torchrl.search.archive import ARCHIVE, POLISH, POPULATION, REFINEMENT, Archive, offer
+from ge_torchrl.search.conclusion import (
+    FINAL,
+    TEST,
+    VALIDATION,
+    choose,
+    contenders_of,
+    evaluate_what_fits,
+    examine,
+    refine_once_more,
+)
+from ge_torchrl.search.fitness import test_seeds as unseen_seeds
+from ge_torchrl.search.fitness import validation_seeds
+from ge_torchrl.search.step import first_state
+from ge_torchrl.trees.forest import Forest
+
+
+@pytest.fixture(scope="module")
+def opened():
+    backend = cartpole()
+    yield backend
+    backend.close()
+
+
+@pytest.fixture
+def backend(opened):
+    opened.limit = None
+    yield Noting(opened)
+    opened.limit = None
+
+
+def chosen(backend, *trees, **evaluation):
+    settings = {"validation_episodes": 50, **evaluation}
+    problem = problem_of(backend, evaluation=settings)
+    return choose(problem, [tree if not hasattr(tree, "structure") else contender(tree) for tree in trees])
+
+
+class TestChoose:
+    def test_a_lucky_leader_is_unmasked_by_validation(self, backend):
+        champion, _ = chosen(backend, contender(POOR, 500.0), contender(GOOD, 400.0))
+        assert (champion.full, champion.train_fitness, champion.origin) == (GOOD, 400.0, POPULATION)
+        assert champion.validation_returns.mean() > 490
+
+    def test_all_are_measured_in_one_batch_on_validations_episodes(self, backend):
+        problem = problem_of(backend)
+        choose(problem, [contender(POOR), contender(GOOD)])
+        assert backend.batches == [(2, VALIDATION)]
+        assert backend.seeds == [validation_seeds(problem.config).tolist()]
+
+    def test_the_champion_is_pruned_by_its_visits_and_acts_alike_on_every_episode(self, backend):
+        """Law 7, on the episodes that counted the visits."""
+        champion, _ = chosen(backend, GOOD_WITH_DEAD_BRANCH)
+        assert (champion.full, champion.pruned) == (GOOD_WITH_DEAD_BRANCH, GOOD)
+        both = Forest.stack([champion.full, champion.pruned])
+        outcomes = backend.evaluate(both, np.array(backend.seeds[0]), "test")
+        np.testing.assert_array_equal(outcomes.returns[0], outcomes.returns[1])
+
+    def test_of_equally_good_trees_the_smaller_is_taken_and_of_these_the_first(self, backend):
+        assert chosen(Analytic(lambda _: 1.0), GOOD, POOR, POORER)[0].full == POOR
+        first, second = contender(GOOD, origin=REFINEMENT), contender(GOOD, origin=POPULATION)
+        assert chosen(backend, first, second)[0].origin == REFINEMENT
+
+    def test_the_best_of_each_pruned_size_is_chosen_too(self, backend):
+        champion, by_size = chosen(
+            backend, POORER, contender(GOOD_WITH_DEAD_BRANCH, 7.0, REFINEMENT), POOR, leaf(0)
+        )
+        assert [one.pruned for one in by_size] == [leaf(0), POOR, GOOD]
+        assert by_size[2] is champion
+        assert [(one.origin, one.train_fitness) for one in by_size[1:]] == [
+            (POPULATION, 1.0),
+            (REFINEMENT, 7.0),
+        ]
+
+    def test_steadiness_counts_where_it_is_asked_for(self):
+        class Wild(Analytic):
+            def evaluate(self, forest, seeds, purpose, *, visits=False):
+                outcomes = super().evaluate(forest, seeds, purpose, visits=visits)
+                wild = [tree == GOOD for tree in forest.trees()]
+                outcomes.returns[wild, ::2] += 30
+                return outcomes
+
+        assert chosen(Wild(lambda _: 1.0), POOR, GOOD)[0].full == GOOD
+        assert chosen(Wild(lambda _: 1.0), POOR, GOOD, std_penalty=2.0)[0].full == POOR
+
+
+class TestContenders:
+    @staticmethod
+    def state(problem, best_refined=None, kept=()):
+        state, _ = first_state(problem)
+        archive = offer(problem, Archive(), [contender(tree) for tree in kept])
+        return replace(state, archive=archive, best_refined=best_refined)
+
+    def test_without_an_archive_it_is_the_fitter_of_individual_and_refined_tree_as_in_the_thesis(
+        self, opened
+    ):
+        problem = problem_of(opened)
+        state = self.state(problem)
+        (individual,) = contenders_of(problem, state)
+        assert (individual.fitness, individual.origin) == (state.population.fitness.max(), POPULATION)
+        for fitness, winner in ((1e6, REFINEMENT), (-1e6, POPULATION)):
+            refined = contender(GOOD, fitness, REFINEMENT)
+            (one,) = contenders_of(problem, replace(state, best_refined=refined))
+            assert one.origin == winner
+
+    def test_kept_trees_compete_and_know_where_they_come_from(self, opened):
+        problem = problem_of(opened, archive={"keep": 3})
+        refined = contender(BAD, 3.0, REFINEMENT)
+        state = self.state(problem, refined, kept=[GOOD, POOR])
+        contenders = contenders_of(problem, state)
+        assert [one.tree for one in contenders[:2]] == [POOR, GOOD]
+        assert contenders[-1] is refined
+        assert len(contenders) == 4
+
+    def test_without_any_tree_there_is_nobody(self, opened):
+        problem = problem_of(opened, ge={"genotype_length": 2}, archive={"keep": 3})
+        assert contenders_of(problem, self.state(problem)) == []
+
+    def test_the_individual_is_told_as_its_genotype_maps_to_it(self, opened):
+        for seed in range(5):
+            problem = problem_of(opened, seed=seed)
+            state = self.state(problem)
+            (one,) = contenders_of(problem, state)
+            simple = state.population.forest.tree(state.population.best)
+            assert one.tree.num_decision_nodes >= simple.num_decision_nodes
+
+
+class TestExamine:
+    def test_the_champion_both_ways_and_the_best_of_each_size_are_tested_once(self, backend):
+        problem = problem_of(backend, archive={"keep": 3})
+        champion, by_size = choose(problem, [contender(GOOD_WITH_DEAD_BRANCH), contender(POOR)])
+        backend.batches.clear()
+        verdict = examine(problem, champion, by_size)
+        assert backend.batches == [(3, TEST)]
+        assert backend.seeds[-1] == unseen_seeds(problem.config).tolist()
+        returns = backend.evaluate(Forest.stack([GOOD, POOR]), unseen_seeds(problem.config), "test").returns
+        np.testing.assert_array_equal(verdict.test_returns, returns[0])
+        np.testing.assert_array_equal(verdict.test_returns_full, returns[0])
+        np.testing.assert_array_equal(verdict.test_returns_by_size, returns[::-1])
+        assert verdict.by_size == by_size
+
+    def test_without_an_archive_there_is_no_table_by_size(self, backend):
+        problem = problem_of(backend)
+        verdict = examine(problem, *choose(problem, [contender(GOOD)]))
+        assert (verdict.by_size, verdict.test_returns_by_size.shape) == ((), (0, 20))
+
+
+class TestWhatFits:
+    TREES = (GOOD, POOR)
+
+    def evaluate(self, backend, n_episodes=64):
+        problem = problem_of(backend)
+        return evaluate_what_fits(problem, self.TREES, np.arange(n_episodes), "test", visits=True)
+
+    def test_parts_are_what_one_call_would_give(self, backend):
+        whole = self.evaluate(backend)
+        backend.limit = Limit(max_env_steps=10**12)
+        parts = self.evaluate(backend)
+        np.testing.assert_array_equal(parts.returns, whole.returns)
+        np.testing.assert_array_equal(parts.lengths, whole.lengths)
+        np.testing.assert_array_equal(parts.leaf_visits, whole.leaf_visits)
+
+    def test_a_limit_leaves_the_first_episodes(self, backend):
+        whole = self.evaluate(backend)
+        backend.limit = limit = Limit(max_env_steps=backend.steps.total() + whole.env_steps // 2)
+        part = self.evaluate(backend)
+        n_episodes = part.returns.shape[1]
+        assert 2 <= n_episodes < 64
+        np.testing.assert_array_equal(part.returns, whole.returns[:, :n_episodes])
+        assert part.leaf_visits.sum() == part.env_steps
+        assert backend.limit is limit
+
+    def test_where_nothing_is_left_a_few_episodes_tell_something(self, backend):
+        backend.limit = limit = Limit(max_env_steps=1)
+        assert self.evaluate(backend).returns.shape == (2, 2)
+        assert self.evaluate(backend, n_episodes=1).returns.shape == (2, 1)
+        assert backend.limit is limit
+
+
+class TestOnceMore:
+    SETTINGS = {"keep": 3, "final_keep": 1, "final_factor": 3, "final_patience": 2, "final_step": 0.1}  # noqa: RUF012
+
+    def problem(self, backend, refines, polishes=None, settling=0, *, write_back=False, **archive):
+        return problem_of(
+            backend,
+            refines,
+            polishes,
+            archive={**self.SETTINGS, **archive},
+            refiner={"write_back": write_back},
+            polish={"every": 1, "settling_episodes": settling},
+        )
+
+    @staticmethod
+    def state(problem, *kept):
+        state, _ = first_state(problem)
+        archive = offer(problem, Archive(), [contender(tree) for tree in kept])
+        return replace(state, archive=archive)
+
+    def test_the_best_of_each_size_are_refined_with_the_effort_of_the_end(self, backend):
+        answers = Answers()
+        problem = self.problem(backend, answers)
+        state = self.state(problem, GOOD, POOR, POORER, leaf(0))
+        refine_once_more(problem, state)
+        ((trees, effort),) = answers.asked
+        assert trees == [POOR, GOOD], "a lone leaf has nothing to refine"
+        assert effort == Effort(3, 2, 0.1)
+
+    def test_the_polisher_does_it_where_there_is_one(self, backend):
+        refiner, polisher = Answers(), Answers()
+        problem = self.problem(backend, refiner, polisher)
+        refine_once_more(problem, self.state(problem, GOOD))
+        assert (refiner.asked, len(polisher.asked)) == ([], 1)
+
+    def test_what_comes_out_is_offered_and_counted(self, backend):
+        problem = self.problem(backend, Answers({POOR: GOOD}.get), max_nodes=2)
+        state = self.state(problem, POOR)
+        before = backend.counted.copy()
+        after = refine_once_more(problem, state)
+        assert [one.tree for one in after.archive.members] == [POOR, GOOD]
+        assert after.archive.of_size(2)[0].origin == POLISH
+        assert [one.tree for one in state.archive.members] == [POOR]
+        assert set(backend.counted - before) == {FINAL, ARCHIVE}
+        assert after.population is state.population
+
+    def test_nothing_is_done_where_nothing_is_asked_for(self, backend):
+        for problem in (self.problem(backend, Answers(), final_keep=0), self.problem(backend, None)):
+            state = self.state(problem, POOR)
+            assert refine_once_more(problem, state) is state
+        problem = self.problem(backend, Answers())
+        assert refine_once_more(problem, self.state(problem)).archive.members == ()
+
+    @pytest.mark.parametrize(("write_back", "episodes"), [(True, 40), (True, 0), (False, 40)])
+    def test_snapped_numbers_are_moved_to_better_constants_near_by(self, backend, write_back, episodes):
+        problem = self.problem(backend, Answers(moved_by(0.003)), settling=episodes, write_back=write_back)
+        state = self.state(problem, POOR)
+        backend.batches.clear()
+        after = refine_once_more(problem, state)
+        # All trees that differ in the one threshold by up to four constants are tried.
+        assert ((6, FINAL) in backend.batches) == (write_back and episodes > 0)
+        for one in after.archive.members:
+            assert (snap(one.tree, problem.tables.grammar) == one.tree) >= write_back
+
+    def test_a_limit_keeps_what_was_refined_before_it(self):
+        backend = Analytic(lambda _: 1.0)
+
+        class Dear(Answers):
+            def refine(self, trees, rngs, effort):
+                backend.evaluate(Forest.stack(trees), np.arange(50), "refinement")
+                return super().refine(trees, rngs, effort)
+
+        refiner = Dear(moved_by(0.003))
+        problem = self.problem(backend, refiner, keep=9, final_keep=9)
+        # Of one structure each, so that all are kept.
+        kept = [split(f, 0.0, leaf(a), leaf(1 - a)) for f in range(4) for a in range(2)]
+        state = self.state(problem, *kept)
+        whole = refine_once_more(problem, state)
+        needed = backend.steps.total()
+        refine_once_more(problem, state)
+        needed = backend.steps.total() - needed
+        refiner.asked.clear()
+        backend.limit = Limit(max_env_steps=backend.steps.total() + int(0.9 * needed))
+        part = refine_once_more(problem, state)
+        assert [len(trees) for trees, _ in refiner.asked] == [4, 4]
+        new = part.archive.offered - state.archive.offered
+        assert 0 < len(new) < len(whole.archive.offered - state.archive.offered)
+
+    def test_a_limit_that_is_reached_already_changes_nothing(self, backend):
+        problem = self.problem(backend, Nudge(backend))
+        state = self.state(problem, POOR, POOR_MOVED)
+        backend.limit = Limit(max_env_steps=1)
+        assert refine_once_more(problem, state) is state
+        with pytest.raises(LimitReachedError):
+            problem.refiner.refine([POOR], [np.random.default_rng(0)])
