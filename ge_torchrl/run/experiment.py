@@ -47,6 +47,8 @@ from ge_torchrl.search.state import Events, SearchState
 from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller
 
+_TESTING = "Testing what was found; Ctrl-C again leaves it untested in the run folder."
+
 
 def run(config: Config, output_dir: Path, console: Console | None = None) -> Summary:
     """Run an experiment and leave its artefacts in a folder.
@@ -110,10 +112,11 @@ class _Run:
             self.backend.on_steps = self.progress.beat
             try:
                 stopped_by, evolve_seconds, verdict = self._search_and_choose()
-            except (KeyboardInterrupt, GrammarError):
+            except KeyboardInterrupt:
+                console.print(f"interrupted; {self._save_what_there_is()}", soft_wrap=True, markup=False)
                 raise
             except Exception as fault:
-                raise self._with_what_there_is(fault) from fault
+                raise self._told_with_what_there_is(fault) from fault
         records = write_verdict(config, self.names, self.folder, verdict)
         summary = self._summary(verdict, stopped_by, evolve_seconds)
         self.folder.write_summary(summary)
@@ -136,12 +139,14 @@ class _Run:
                 f"the grammar {self.config.grammar.name} needs a longer one (ge.genotype_length) or wraps (ge.wraps)"
             )
         if stopped_by == "interrupt":
-            self.progress.say("Testing what was found; Ctrl-C again leaves it untested in the run folder.")
+            self.progress.say(_TESTING)
         elif self.config.archive.final_keep > 0 and self.problem.refines:
             self.progress.say("Refining the best trees of each size once more ...")
             self.backend.limit = self.allowance.until(Phase.FINAL_REFINEMENT)
-            state = refine_once_more(self.problem, state)
-            self.search.state = state
+            try:
+                self.search.state = state = refine_once_more(self.problem, state)
+            except KeyboardInterrupt:
+                self.progress.say(_TESTING)
         evolve_seconds = time.perf_counter() - self.started
         self.progress.say("Validation and test ...")
         self.backend.limit = self.allowance.until(Phase.VALIDATION)
@@ -165,16 +170,20 @@ class _Run:
         self.history.write(record)
         self.progress.show(record)
 
-    def _with_what_there_is(self, fault: Exception) -> Exception:
-        """Save the best tree so far and the kept ones, and return the error that says so in one line."""
-        found = "no tree was there yet"
+    def _save_what_there_is(self) -> str:
+        """Save the best tree so far and the kept ones, and return what to say of them."""
         state = self.search.state
-        if state is not None and (contenders := contenders_of(self.problem, state)):
-            best = max(contenders, key=train_fitness_of)
-            write_untested(self.config, self.names, self.folder, best.tree, state.archive)
-            found = f"the best tree so far is in {self.folder.path}, untested"
+        if state is None or not (contenders := contenders_of(self.problem, state)):
+            return "no tree was there yet"
+        best = max(contenders, key=train_fitness_of)
+        write_untested(self.config, self.names, self.folder, best, state.archive)
+        return f"the best tree so far is in {self.folder.path}, untested"
+
+    def _told_with_what_there_is(self, fault: Exception) -> Exception:
+        """Save what there is, and return the error that says so in one line."""
+        found = self._save_what_there_is()
         if isinstance(fault, UserError):
-            return type(fault)(f"{fault}; {found}")
+            return type(fault)(" ".join(f"{fault}; {found}".splitlines()))
         trace = self.folder.path / "traceback.txt"
         trace.write_text("".join(traceback.format_exception(fault)), encoding="utf-8")
         text = " ".join(f"{type(fault).__name__}: {fault}".split())
@@ -201,7 +210,7 @@ class _Run:
             stopped_by=stopped_by,
             env_steps=sum(n for purpose, n in steps.items() if purpose not in (VALIDATION, TEST)),
             steps=steps,
-            steps_per_second=self.backend.steps_per_second,
+            steps_per_second=self.config.evaluation.steps_per_second or self.backend.steps_per_second,
             refinements=counts.refinements,
             refinements_improved=counts.improved,
             refined=counts.refined,
@@ -223,7 +232,10 @@ class _Run:
         shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
         controller = Controller(verdict.champion.pruned, self.names)
         self.console.print()
-        self.console.print(closing_text(summary, controller, shown, records, refiner_of(method_of(self.config))), soft_wrap=True)
+        self.console.print(
+            closing_text(summary, controller, shown, records, refiner_of(method_of(self.config))),
+            soft_wrap=True,
+        )
 
 
 def _refiners(config: Config, backend: Backend) -> tuple[Refiner | None, Refiner | None]:

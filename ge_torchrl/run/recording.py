@@ -14,8 +14,8 @@ from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord
 from ge_torchrl.config import Config
 from ge_torchrl.run.closing import tree_text
-from ge_torchrl.search.archive import Archive
-from ge_torchrl.search.conclusion import Verdict
+from ge_torchrl.search.archive import Archive, Contender, Member
+from ge_torchrl.search.conclusion import Verdict, train_fitness_of
 from ge_torchrl.search.proposals import INDIVIDUAL
 from ge_torchrl.search.state import Events, RefinementEvent, SearchState
 from ge_torchrl.trees.complexity import complexity
@@ -109,8 +109,8 @@ def write_verdict(config: Config, names: Names, folder: RunFolder, verdict: Verd
             complexity_M=complexity(one.pruned).M,
             archive_mean=one.archive_fitness,
             validation_mean=float(one.validation_returns.mean()),
-            test_mean=float(returns.mean()),
-            test_std=float(returns.std()),
+            test_mean=_finite_or_none(float(returns.mean())),
+            test_std=_finite_or_none(float(returns.std())),
             origin=one.origin,
         )
         for one, returns in zip(verdict.by_size, verdict.test_returns_by_size, strict=True)
@@ -122,10 +122,11 @@ def write_verdict(config: Config, names: Names, folder: RunFolder, verdict: Verd
 
 
 def write_untested(
-    config: Config, names: Names, folder: RunFolder, best: DecisionTree, archive: Archive
+    config: Config, names: Names, folder: RunFolder, best: Contender | Member, archive: Archive
 ) -> None:
     """Write the best tree so far and the kept trees as they are: something ended the run before validation."""
-    write_champion(config, names, folder, best, best, {"test_mean": None})
+    told = {"train_fitness": train_fitness_of(best), "test_mean": None}
+    write_champion(config, names, folder, best.tree, best.tree, told)
     sizes = sorted({member.tree.num_decision_nodes for member in archive.members})
     members = [archive.of_size(size)[0] for size in sizes]
     records = [

@@ -7,6 +7,7 @@ nothing was selected on, does not. The test that follows chooses nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,7 +72,7 @@ class Verdict:
         test_returns: [E] float64, of the pruned champion on unseen episodes.
         test_returns_full: [E] float64, of the champion as it was before pruning.
         by_size: The best tree of each size by validation, from small to large; none without an archive.
-        test_returns_by_size: [S, E] float64, theirs.
+        test_returns_by_size: [S, E] float64, theirs; NaN where a limit left no room for a tree.
     """
 
     champion: Finalist
@@ -171,26 +172,39 @@ def choose(
     Returns:
         The champion, and the best of each size from small to large.
     """
-    trees = [contender.tree for contender in contenders]
+    # Where not all can be measured, the most promising are.
+    ranked = sorted(range(len(contenders)), key=lambda i: -_promise_of(contenders[i]))
+    trees = [contenders[i].tree for i in ranked]
     outcomes = evaluate_what_fits(problem, trees, validation_seeds(problem.config), VALIDATION, visits=True)
-    pruned = prune_all(trees, outcomes.leaf_visits)
-    finalists = [
-        Finalist(
-            full=contender.tree,
-            pruned=tree,
-            origin=contender.origin,
-            train_fitness=train_fitness_of(contender),
-            archive_fitness=contender.archive_fitness if isinstance(contender, Member) else None,
-            validation_returns=returns,
-        )
-        for contender, tree, returns in zip(contenders, pruned, outcomes.returns, strict=True)
-    ]
+    measured = ranked[: len(outcomes.returns)]
+    pruned = prune_all(trees[: len(measured)], outcomes.leaf_visits)
     fitness = fitness_of(outcomes.returns, problem.config.evaluation.std_penalty)
-    order = sorted(range(len(trees)), key=lambda i: (-fitness[i], pruned[i].num_decision_nodes, i))
+    order = sorted(
+        range(len(measured)), key=lambda row: (-fitness[row], pruned[row].num_decision_nodes, measured[row])
+    )
     best: dict[int, Finalist] = {}
-    for i in order:
-        best.setdefault(pruned[i].num_decision_nodes, finalists[i])
-    return finalists[order[0]], tuple(best[size] for size in sorted(best))
+    for row in order:
+        finalist = _finalist(contenders[measured[row]], pruned[row], outcomes.returns[row])
+        best.setdefault(finalist.pruned.num_decision_nodes, finalist)
+    champion = best[pruned[order[0]].num_decision_nodes]
+    return champion, tuple(best[size] for size in sorted(best))
+
+
+def _promise_of(contender: Contender | Member) -> float:
+    return contender.archive_fitness if isinstance(contender, Member) else contender.fitness
+
+
+def _finalist(
+    contender: Contender | Member, pruned: DecisionTree, validation_returns: NDArray[np.float64]
+) -> Finalist:
+    return Finalist(
+        full=contender.tree,
+        pruned=pruned,
+        origin=contender.origin,
+        train_fitness=train_fitness_of(contender),
+        archive_fitness=contender.archive_fitness if isinstance(contender, Member) else None,
+        validation_returns=validation_returns,
+    )
 
 
 def examine(problem: Problem, champion: Finalist, by_size: Sequence[Finalist]) -> Verdict:
@@ -202,18 +216,19 @@ def examine(problem: Problem, champion: Finalist, by_size: Sequence[Finalist]) -
         by_size: The best tree of each size; they are left out without an archive.
     """
     kept = tuple(by_size) if problem.config.archive.keep > 0 else ()
-    trees = [champion.pruned, champion.full, *(finalist.pruned for finalist in kept)]
     # A champion stands among the best of each size too, and is often pruned already: each tree is tested once.
-    different = list(dict.fromkeys(trees))
-    outcomes = evaluate_what_fits(problem, different, test_seeds(problem.config), TEST)
-    returns = dict(zip(different, outcomes.returns, strict=True))
-    n_episodes = outcomes.returns.shape[1]
+    both = dict.fromkeys((champion.pruned, champion.full))
+    trees = list(both | dict.fromkeys(finalist.pruned for finalist in kept))
+    outcomes = evaluate_what_fits(problem, trees, test_seeds(problem.config), TEST, at_least=len(both))
+    untested = np.full(outcomes.returns.shape[1], np.nan)
+    returns = dict(zip(trees, outcomes.returns, strict=False))
+    by_size_returns = [returns.get(finalist.pruned, untested) for finalist in kept]
     return Verdict(
         champion=champion,
         test_returns=returns[champion.pruned],
         test_returns_full=returns[champion.full],
         by_size=kept,
-        test_returns_by_size=np.array([returns[one.pruned] for one in kept]).reshape(len(kept), n_episodes),
+        test_returns_by_size=np.array(by_size_returns).reshape(len(kept), len(untested)),
     )
 
 
@@ -224,33 +239,52 @@ def evaluate_what_fits(
     purpose: str,
     *,
     visits: bool = False,
+    at_least: int = 1,
 ) -> Outcomes:
-    """Run trees on as many of the episodes as the backend's limit lets them, but on a first few in any case.
+    """Run as many of the trees on as many of the episodes as the backend's limit lets them.
+
+    All trees come before many episodes. A few trees on a few episodes are run in any case.
 
     Args:
         problem: What is searched.
-        trees: The trees.
+        trees: The trees, taken from the first on.
         seeds: [E] episode seeds, taken from the first on.
         purpose: Under which the steps are counted.
         visits: Whether visits are counted.
+        at_least: Trees that are run in any case.
+
+    Returns:
+        Of the first trees on the first episodes: all of both where there is no limit.
     """
-    backend, forest = problem.backend, Forest.stack(trees)
-    limit = backend.limit
+    backend, limit = problem.backend, problem.backend.limit
+
+    def evaluate(first: int, end: int, few: NDArray[np.int64]) -> Outcomes:
+        return backend.evaluate(Forest.stack(trees[first:end]), few, purpose, visits=visits)
+
     if limit is None:
-        return backend.evaluate(forest, seeds, purpose, visits=visits)
+        return evaluate(0, len(trees), seeds)
+    done, n_trees = _EPISODES_AT_ONCE, at_least
     backend.limit = None
-    parts = [backend.evaluate(forest, seeds[:_EPISODES_AT_ONCE], purpose, visits=visits)]
+    outcomes = evaluate(0, n_trees, seeds[:done])
     backend.limit = limit
-    done, size = _EPISODES_AT_ONCE, _EPISODES_AT_ONCE
-    while done < len(seeds):
-        try:
-            parts.append(backend.evaluate(forest, seeds[done : done + size], purpose, visits=visits))
-        except LimitReachedError:
-            break
-        done, size = done + size, 2 * size
-    counted = [part.leaf_visits for part in parts if part.leaf_visits is not None]
+    with suppress(LimitReachedError):
+        while n_trees < len(trees):
+            more = evaluate(n_trees, 2 * n_trees, seeds[:done])
+            outcomes, n_trees = _joined(outcomes, more, axis=0), min(2 * n_trees, len(trees))
+        while done < len(seeds):
+            more = evaluate(0, n_trees, seeds[done : 2 * done])
+            outcomes, done = _joined(outcomes, more, axis=1), 2 * done
+    return outcomes
+
+
+def _joined(one: Outcomes, two: Outcomes, axis: int) -> Outcomes:
+    """Return outcomes of more trees (axis 0) or of more episodes (axis 1)."""
+    visits = None
+    if one.leaf_visits is not None and two.leaf_visits is not None:
+        both = one.leaf_visits, two.leaf_visits
+        visits = np.concatenate(both) if axis == 0 else both[0] + both[1]
     return Outcomes(
-        returns=np.concatenate([part.returns for part in parts], axis=1),
-        lengths=np.concatenate([part.lengths for part in parts], axis=1),
-        leaf_visits=np.sum(counted, axis=0) if counted else None,
+        returns=np.concatenate([one.returns, two.returns], axis),
+        lengths=np.concatenate([one.lengths, two.lengths], axis),
+        leaf_visits=visits,
     )

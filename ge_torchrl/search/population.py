@@ -26,9 +26,6 @@ from ge_torchrl.trees.simplify import simplify
 TRAINING = "training"
 """The purpose that steps of measuring populations are counted under."""
 
-# Trees that a first population under a limit is measured by at a time.
-_CHUNK = 20
-
 
 @dataclass(frozen=True, eq=False)
 class Population:
@@ -184,13 +181,15 @@ def _measure(problem: Problem, forest: Forest, generation: int) -> Fitness:
 def _measure_what_fits(
     problem: Problem, forest: Forest, seeds: NDArray[np.int64], std_penalty: float
 ) -> Fitness:
-    """Measure a first population chunk by chunk: where a limit ends it, what was measured is there."""
-    fitness = np.full(len(forest), WORST_FITNESS)
-    for rows in np.array_split(np.arange(len(forest)), max(1, len(forest) // _CHUNK)):
+    """Measure a first population in growing parts: where a limit ends it, what was measured is there."""
+    fitness, done = np.full(len(forest), WORST_FITNESS), 0
+    while done < len(forest):
+        rows = np.arange(done, min(2 * done + 1, len(forest)))
         try:
             fitness[rows] = measure(problem.backend, forest.take(rows), seeds, TRAINING, std_penalty)
         except LimitReachedError:
             if not np.isfinite(fitness).any():
                 raise
             break
+        done += len(rows)
     return fitness

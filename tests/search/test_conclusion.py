@@ -173,21 +173,22 @@ class TestExamine:
 
 
 class TestWhatFits:
-    TREES = (GOOD, POOR)
+    TREES = (GOOD, POOR, POORER, leaf(0), BAD)
 
-    def evaluate(self, backend, n_episodes=64):
-        problem = problem_of(backend)
-        return evaluate_what_fits(problem, self.TREES, np.arange(n_episodes), "test", visits=True)
+    def evaluate(self, backend, n_episodes=64, at_least=1):
+        problem, seeds = problem_of(backend), np.arange(n_episodes)
+        return evaluate_what_fits(problem, self.TREES, seeds, "test", visits=True, at_least=at_least)
 
     def test_parts_are_what_one_call_would_give(self, backend):
         whole = self.evaluate(backend)
         backend.limit = Limit(max_env_steps=10**12)
-        parts = self.evaluate(backend)
-        np.testing.assert_array_equal(parts.returns, whole.returns)
-        np.testing.assert_array_equal(parts.lengths, whole.lengths)
-        np.testing.assert_array_equal(parts.leaf_visits, whole.leaf_visits)
+        for at_least in (1, 2, 5):
+            parts = self.evaluate(backend, at_least=at_least)
+            np.testing.assert_array_equal(parts.returns, whole.returns)
+            np.testing.assert_array_equal(parts.lengths, whole.lengths)
+            np.testing.assert_array_equal(parts.leaf_visits, whole.leaf_visits)
 
-    def test_a_limit_leaves_the_first_episodes(self, backend):
+    def test_a_limit_leaves_the_first_episodes_of_all_trees(self, backend):
         whole = self.evaluate(backend)
         backend.limit = limit = Limit(max_env_steps=backend.steps.total() + whole.env_steps // 2)
         part = self.evaluate(backend)
@@ -197,11 +198,30 @@ class TestWhatFits:
         assert part.leaf_visits.sum() == part.env_steps
         assert backend.limit is limit
 
-    def test_where_nothing_is_left_a_few_episodes_tell_something(self, backend):
+    @pytest.mark.parametrize("at_least", [1, 2])
+    def test_where_nothing_is_left_the_first_trees_run_a_few_episodes(self, backend, at_least):
+        whole = self.evaluate(backend)
         backend.limit = limit = Limit(max_env_steps=1)
-        assert self.evaluate(backend).returns.shape == (2, 2)
-        assert self.evaluate(backend, n_episodes=1).returns.shape == (2, 1)
+        part = self.evaluate(backend, at_least=at_least)
+        np.testing.assert_array_equal(part.returns, whole.returns[:at_least, :2])
+        assert part.leaf_visits.sum() == part.env_steps
+        assert self.evaluate(backend, n_episodes=1).returns.shape == (1, 1)
         assert backend.limit is limit
+
+    def test_the_most_promising_contenders_are_validated_first(self, backend):
+        backend.limit = Limit(max_env_steps=1)
+        champion, by_size = chosen(backend, contender(POOR, 40.0), contender(GOOD, 400.0), leaf(0))
+        assert champion.full == GOOD
+        assert by_size == (champion,)
+        assert champion.validation_returns.shape == (2,)
+
+    def test_the_champion_is_tested_both_ways_and_others_where_they_can_be(self, backend):
+        problem = problem_of(backend, archive={"keep": 3})
+        champion, by_size = choose(problem, [contender(GOOD_WITH_DEAD_BRANCH), contender(POOR)])
+        backend.limit = Limit(max_env_steps=1)
+        verdict = examine(problem, champion, by_size)
+        assert verdict.test_returns.shape == verdict.test_returns_full.shape == (2,)
+        assert np.isnan(verdict.test_returns_by_size).all(axis=1).tolist() == [True, False]
 
 
 class TestOnceMore:

@@ -17,7 +17,11 @@ def test_the_golden_run_is_what_it_was():
 
 def test_the_golden_run_is_about_something():
     golden = json.loads(PATH.read_text(encoding="utf-8"))
-    assert {refinement["origin"] for refinement in golden["refinements"]} == {"individual", "neighbour", "archive"}
+    assert {refinement["origin"] for refinement in golden["refinements"]} == {
+        "individual",
+        "neighbour",
+        "archive",
+    }
     assert {"improved", "not_improved"} == {refinement["outcome"] for refinement in golden["refinements"]}
     assert any(refinement["written_back"] for refinement in golden["refinements"])
     assert len({member["origin"] for member in golden["archive"]}) > 1

@@ -26,9 +26,21 @@ def golden_run():
         Nudge(backend, "polish"),
         ge={"generations": GENERATIONS},
         evaluation={"episodes": 5},
-        refiner={"schedule": {"every": 2}, "candidates": 2, "acceptance_episodes": 20, "acceptance_errors": 1.0},
+        refiner={
+            "schedule": {"every": 2},
+            "candidates": 2,
+            "acceptance_episodes": 20,
+            "acceptance_errors": 1.0,
+        },
         polish={"every": 1, "settling_episodes": 5},
-        archive={"keep": 2, "neighbours": 4, "revisits": 1, "revisit_factor": 2, "migrants": 4, "final_keep": 1},
+        archive={
+            "keep": 2,
+            "neighbours": 4,
+            "revisits": 1,
+            "revisit_factor": 2,
+            "migrants": 4,
+            "final_keep": 1,
+        },
     )
     generations, refinements = [], []
     state, events = first_state(problem)
