@@ -1,0 +1,104 @@
+"""Actor and critic as TorchRL's losses and collectors take them, for many trees at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torch.distributions import Categorical
+from torchrl.modules import ProbabilisticActor, ValueOperator
+
+from ge_torchrl.refiners.rl.ddt import DDT, columns_of
+
+
+class ValueNetworks(nn.Module):
+    """`R` independent ReLU networks, which count features and values from their means, in units of their spreads.
+
+    `V(s) = m_V + d_V f((s - m_s) / d_s)` with a network f whose inputs and outputs are then about 1. Without that a
+    feature of a few hundredths is next to invisible to f, and a value of -100 takes more gradient steps than a
+    refinement has.
+
+    Args:
+        n_features: Number of entries of an observation, D.
+        hidden: Widths of the hidden layers.
+        generators: [R], each draws the first weights of its network, as `torch.nn.Linear` does.
+
+    Attributes:
+        feature_mean: [R, D, 1] buffer, 0 unless standardised.
+        feature_spread: [R, D, 1] buffer, 1 unless standardised.
+        value_mean: [R, 1, 1] buffer, 0 unless standardised.
+        value_spread: [R, 1, 1] buffer, 1 unless standardised.
+    """
+
+    feature_mean: Tensor
+    feature_spread: Tensor
+    value_mean: Tensor
+    value_spread: Tensor
+
+    def __init__(
+        self, n_features: int, hidden: Sequence[int], generators: Sequence[torch.Generator]
+    ) -> None:
+        super().__init__()
+        widths = [n_features, *hidden, 1]
+        layers = [_first_weights(widths, generator) for generator in generators]
+        self.weights = nn.ParameterList(torch.stack([own[i][0] for own in layers]) for i in range(len(widths) - 1))
+        self.biases = nn.ParameterList(torch.stack([own[i][1] for own in layers]) for i in range(len(widths) - 1))
+        n_trees = len(generators)
+        self.register_buffer("feature_mean", torch.zeros(n_trees, n_features, 1))
+        self.register_buffer("feature_spread", torch.ones(n_trees, n_features, 1))
+        self.register_buffer("value_mean", torch.zeros(n_trees, 1, 1))
+        self.register_buffer("value_spread", torch.ones(n_trees, 1, 1))
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Return the values [*S, 1] of observations [*S, D], whose rows are `R` equal runs."""
+        columns = columns_of(observation, len(self.value_mean), self.value_mean.dtype)
+        columns = (columns - self.feature_mean) / self.feature_spread
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            columns = torch.baddbmm(bias, weight, columns if i == 0 else columns.relu_())
+        value: Tensor = self.value_mean + self.value_spread * columns
+        return value.reshape(*observation.shape[:-1], 1)
+
+    def standardise_features(self, mean: Tensor, spread: Tensor) -> None:
+        """Count features from `mean` [R, D] in units of `spread` [R, D], above 0."""
+        self.feature_mean.copy_(mean.unsqueeze(-1))
+        self.feature_spread.copy_(spread.unsqueeze(-1))
+
+    def standardise_values(self, mean: Tensor, spread: Tensor) -> None:
+        """Count values from `mean` [R] in units of `spread` [R], above 0."""
+        self.value_mean.copy_(mean.view(-1, 1, 1))
+        self.value_spread.copy_(spread.view(-1, 1, 1))
+
+
+def make_actor(ddt: DDT) -> ProbabilisticActor:
+    """Build the actor around soft trees; it shares their parameters.
+
+    It reads `observation` and writes `logits`, `action` (int64) and `action_log_prob`.
+    """
+    return ProbabilisticActor(
+        TensorDictModule(ddt, in_keys=["observation"], out_keys=["logits"]),
+        in_keys=["logits"],
+        out_keys=["action"],
+        distribution_class=Categorical,
+        # The arguments are finite by construction, and checking them costs as much as the forward pass.
+        distribution_kwargs={"validate_args": False},
+        return_log_prob=True,
+    )
+
+
+def make_critic(networks: ValueNetworks) -> ValueOperator:
+    """Build the critic, which reads `observation` and writes `state_value` [*S, 1]."""
+    return ValueOperator(networks, in_keys=["observation"])
+
+
+def _first_weights(widths: Sequence[int], generator: torch.Generator) -> list[tuple[Tensor, Tensor]]:
+    """Draw weights [H_i, H_(i-1)] and biases [H_i, 1] of one network's layers, uniform within 1 / sqrt(H_(i-1))."""
+    layers = []
+    for n_in, n_out in zip(widths[:-1], widths[1:], strict=True):
+        bound = 1 / math.sqrt(n_in)
+        weight = torch.empty(n_out, n_in).uniform_(-bound, bound, generator=generator)
+        bias = torch.empty(n_out, 1).uniform_(-bound, bound, generator=generator)
+        layers.append((weight, bias))
+    return layers
