@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import torch
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
-from torch.distributions import Categorical
+from torch.distributions import Categorical, Distribution
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from ge_torchrl.refiners.rl.ddt import DDT, columns_of
@@ -72,6 +72,28 @@ class ValueNetworks(nn.Module):
         self.value_spread.copy_(spread.view(-1, 1, 1))
 
 
+class LogCategorical(Categorical):
+    """A categorical distribution of log-probabilities: they are taken as they are, not normalised once more.
+
+    Args:
+        logits: [*S, A] log-probabilities, finite.
+    """
+
+    def __init__(self, logits: Tensor) -> None:
+        self.logits = self._param = logits
+        self._num_events = logits.shape[-1]
+        Distribution.__init__(self, logits.shape[:-1], validate_args=False)
+
+    @property
+    def probs(self) -> Tensor:
+        """[*S, A] probabilities."""
+        return self.logits.exp()
+
+    def entropy(self) -> Tensor:
+        """Return the entropy [*S], in nats."""
+        return -(self.logits.exp() * self.logits).sum(-1)
+
+
 def make_actor(ddt: DDT) -> ProbabilisticActor:
     """Build the actor around soft trees; it shares their parameters.
 
@@ -81,9 +103,7 @@ def make_actor(ddt: DDT) -> ProbabilisticActor:
         TensorDictModule(ddt, in_keys=["observation"], out_keys=["logits"]),
         in_keys=["logits"],
         out_keys=["action"],
-        distribution_class=Categorical,
-        # The arguments are finite by construction, and checking them costs as much as the forward pass.
-        distribution_kwargs={"validate_args": False},
+        distribution_class=LogCategorical,
         return_log_prob=True,
     )
 

@@ -20,7 +20,7 @@ from ge_torchrl.trees.tree import DecisionTree
 
 # sigma(-1e4) is 0 in any precision, so nothing is lost where the argument of a sigmoid ends here; without an end,
 # a far threshold would give -inf, and 0 * -inf on the paths that do not pass it.
-_LARGEST_LOGIT = 1e4
+_LARGEST_LOGIT = 1e30
 # The gradient of a logarithm is finite from here on, whatever float32 factors follow.
 _LEAST_PROBABILITY = 1e-30
 
@@ -101,8 +101,9 @@ class DDT(nn.Module):
             [*S, A], finite for every observation without NaN; none is below log(1e-30).
         """
         columns = columns_of(observation, self.num_trees, self.threshold.dtype)
-        index = self.feature.unsqueeze(-1).expand(-1, -1, columns.shape[-1])
-        weights = self._leaf_weights(columns.gather(1, index))
+        row = self.feature + columns.shape[1] * torch.arange(self.num_trees).unsqueeze(-1)
+        observed = columns.flatten(0, 1).index_select(0, row.flatten()).unflatten(0, row.shape)
+        weights = self._leaf_weights(observed)
         # The softmax of a padded leaf is put to 0: it takes neither mass nor gradient.
         of_leaf = self.leaf_logits.softmax(-1) * self.is_leaf
         probabilities = torch.bmm(of_leaf.mT, weights)
@@ -111,11 +112,11 @@ class DDT(nn.Module):
 
     def _leaf_weights(self, observed: Tensor) -> Tensor:
         """Return the weights [R, L, T] of the leaves from the features [R, M, T] that the splits ask for."""
-        origin, scale = self.origin.unsqueeze(-1), self.scale.unsqueeze(-1)
-        logit = self.alpha * (self.threshold.unsqueeze(-1) - (observed - origin) / scale)
-        log_left = functional.logsigmoid(logit.clamp(-_LARGEST_LOGIT, _LARGEST_LOGIT))
-        log_right = log_left - logit.clamp(-_LARGEST_LOGIT, _LARGEST_LOGIT)
-        weights = torch.baddbmm(torch.bmm(self.is_left, log_left), self.is_right, log_right).exp()
+        steepness = self.alpha / self.scale.unsqueeze(-1)
+        beyond = ((observed - self.origin.unsqueeze(-1)) * steepness).clamp_(-_LARGEST_LOGIT, _LARGEST_LOGIT)
+        logit = self.alpha * self.threshold.unsqueeze(-1) - beyond
+        log_left = functional.logsigmoid(logit)
+        weights = torch.baddbmm(torch.bmm(self.is_left, log_left), self.is_right, log_left - logit).exp()
         if self.straight_through:
             # The value is the hard path's, the gradient that of the soft paths.
             weights = weights + (self._hard_weights(observed) - weights).detach()
