@@ -8,6 +8,7 @@ Silva et al., "Optimization methods for interpretable differentiable decision tr
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -18,7 +19,9 @@ from torch.nn import functional
 from ge_torchrl.environments.backend import SoftForest
 from ge_torchrl.trees.tree import DecisionTree
 
-# sigma(-1e4) is 0 in any precision, so nothing is lost where the argument of a sigmoid ends here; without an end,
+_Number = TypeVar("_Number", bound=np.generic)
+
+# sigma(-1e30) is 0 in any precision, so nothing is lost where the argument of a sigmoid ends here; without an end,
 # a far threshold would give -inf, and 0 * -inf on the paths that do not pass it.
 _LARGEST_LOGIT = 1e30
 # The gradient of a logarithm is finite from here on, whatever float32 factors follow.
@@ -46,10 +49,10 @@ class DDT(nn.Module):
 
     Attributes:
         trees: The trees that these were made from.
-        threshold: [R, M] float32 parameter, from `origin` in units of `scale`.
+        threshold: [R, M] float32 parameter, counted from `origin` in units of `scale`.
         leaf_logits: [R, L, A] float32 parameter.
         feature: [R, M] int64 buffer.
-        origin: [R, M] float32 buffer, 0 unless standardised.
+        origin: [R, M] float32 buffer, the thresholds of `trees`.
         scale: [R, M] float32 buffer, 1 unless standardised.
         is_left: [R, L, M] buffer, 1 where the path to the leaf takes the split's left branch, else 0.
         is_right: [R, L, M] buffer, likewise for the right branch.
@@ -81,8 +84,9 @@ class DDT(nn.Module):
         self.register_buffer("is_left", torch.from_numpy(is_left))
         self.register_buffer("is_right", torch.from_numpy(is_right))
         self.register_buffer("is_leaf", torch.from_numpy(is_leaf))
-        self.threshold = nn.Parameter(torch.from_numpy(_padded([t.threshold for t in trees])))
-        self.register_buffer("origin", torch.zeros_like(self.threshold))
+        # Moves are what is trained, so that what has not moved comes back to the last bit.
+        self.register_buffer("origin", torch.from_numpy(_padded([t.threshold for t in trees])))
+        self.threshold = nn.Parameter(torch.zeros_like(self.origin))
         self.register_buffer("scale", torch.ones_like(self.threshold))
         self.leaf_logits = nn.Parameter(leaf_logits)
 
@@ -129,15 +133,14 @@ class DDT(nn.Module):
 
     @torch.no_grad()
     def standardise(self, spread: Tensor) -> None:
-        """Count thresholds from where they are now, in units of their features' spread; the hard trees stay the same.
+        """Count the moves of thresholds in units of their features' spread; the hard trees stay the same.
 
         Args:
             spread: [R, D], how far the values of each feature lie apart, above 0.
         """
-        # The origin is the threshold itself, so that what has not moved comes back to the last bit.
-        self.origin.copy_(self.thresholds())
+        moved = self.scale * self.threshold
         self.scale.copy_(spread.gather(1, self.feature))
-        self.threshold.zero_()
+        self.threshold.copy_(moved / self.scale)
 
     @torch.no_grad()
     def thresholds(self) -> Tensor:
@@ -152,8 +155,8 @@ class DDT(nn.Module):
             feature=self.feature.int().numpy(),
             threshold=self.thresholds().float().numpy(),
             alpha=(torch.full_like(alpha, torch.inf) if self.straight_through else alpha).numpy(),
-            children_left=_padded([tree.children_left for tree in self.trees]),
-            children_right=_padded([tree.children_right for tree in self.trees]),
+            children_left=_padded([tree.children_left for tree in self.trees], ~0),
+            children_right=_padded([tree.children_right for tree in self.trees], ~0),
             probabilities=self.leaf_logits.double().softmax(-1).numpy(),
         )
 
@@ -238,9 +241,9 @@ def _check(trees: Sequence[DecisionTree], n_actions: int) -> None:
             )
 
 
-def _padded(rows: Sequence[NDArray[np.generic]]) -> NDArray[np.generic]:
-    """Return [R, N], the rows filled up with 0 to the longest."""
-    padded = np.zeros((len(rows), max(len(row) for row in rows)), rows[0].dtype)
+def _padded(rows: Sequence[NDArray[_Number]], filling: int = 0) -> NDArray[_Number]:
+    """Return [R, N], the rows filled up to the longest."""
+    padded = np.full((len(rows), max(len(row) for row in rows)), filling, rows[0].dtype)
     for place, row in zip(padded, rows, strict=True):
         place[: len(row)] = row
     return padded

@@ -1,0 +1,291 @@
+"""Proximal policy optimisation (PPO) of many differentiable trees at once, in TorchRL.
+
+Source: Schulman et al., "Proximal policy optimization algorithms" (2017). The loss of a batch is the sum of the trees'
+own losses, and Adam and RMSprop act entry by entry: each tree is trained as if it were alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+from torchrl.modules import ProbabilisticActor
+from torchrl.objectives import ClipPPOLoss
+
+from ge_torchrl.config import PPOConfig
+from ge_torchrl.refiners.protocol import TrainingRecord
+from ge_torchrl.refiners.rl.actor_critic import ValueNetworks, make_critic
+from ge_torchrl.refiners.rl.advantages import ScanGAE
+from ge_torchrl.refiners.rl.ddt import DDT
+from ge_torchrl.refiners.rl.samples import Source, last_returns
+
+_OPTIMIZERS = {"rmsprop": torch.optim.RMSprop, "adam": torch.optim.Adam}
+
+
+def train(
+    ddt: DDT,
+    actor: ProbabilisticActor,
+    networks: ValueNetworks,
+    source: Source,
+    config: PPOConfig,
+    max_timesteps: int,
+    after_update: Callable[[], None] = lambda: None,
+) -> list[TrainingRecord]:
+    """Train trees in place, side by side.
+
+    A tree with a loss, gradient, parameter or sample that is not finite is put back to what it was and left alone from
+    then on; the others go on. The result does not depend on how many threads torch is set to: training uses one.
+
+    Args:
+        ddt: The trees [R], trained in place.
+        actor: The actor around them.
+        networks: Their critics [R], trained in place.
+        source: Where samples come from; the caller closes it.
+        config: The hyperparameters.
+        max_timesteps: Environment steps of each tree; what does not fill an update is not taken.
+        after_update: Called after each update, to look at the trees as they then are.
+
+    Returns:
+        [R] what was done to each tree, and how it ended.
+    """
+    with _one_thread():
+        learner = Learner(ddt, actor, networks, config)
+        n_updates = max_timesteps // config.update_timesteps
+        if config.standardise and n_updates > 0:
+            learner.standardise(source.collect(config.update_timesteps))
+            n_updates -= 1
+        for update in range(n_updates):
+            learner.set_entropy_coeff(update / max(n_updates - 1, 1))
+            learner.update(source.collect(config.update_timesteps))
+            if not learner.alive.any():
+                break
+            after_update()
+        return learner.records()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    # A second thread saves a tenth of such small steps on an idle machine, and on a busy one, where threads wait for
+    # each other by spinning, makes them several times slower.
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+class Learner:
+    """Loss and optimiser of `R` trees in training, and which of them are still trained.
+
+    Args:
+        ddt: The trees.
+        actor: The actor around them.
+        networks: Their critics.
+        config: The hyperparameters.
+
+    Attributes:
+        alive: [R] bool, False where a tree failed and was put back.
+    """
+
+    def __init__(
+        self, ddt: DDT, actor: ProbabilisticActor, networks: ValueNetworks, config: PPOConfig
+    ) -> None:
+        self._config = config
+        self._ddt = ddt
+        self._actor = actor
+        self._networks = networks
+        critic = make_critic(networks)
+        self._advantages = ScanGAE(gamma=config.gamma, lmbda=config.gae_lambda, value_network=critic)
+        self._loss = ClipPPOLoss(
+            actor,
+            critic,
+            clip_epsilon=config.clip_epsilon,
+            entropy_coeff=config.entropy_coeff,
+            critic_coeff=config.critic_coeff,
+            loss_critic_type="l2",
+            normalize_advantage=True,
+            normalize_advantage_exclude_dims=(0,),
+            reduction="none",
+            functional=False,
+            log_explained_variance=False,  # Nobody reads it, and it is one part in twenty of a gradient step.
+        )
+        # Lone leaves have no threshold to train.
+        of_trees, of_critics = (
+            [p for p in module.parameters() if p.numel() > 0] for module in (ddt, networks)
+        )
+        self._parameters = [*of_trees, *of_critics]
+        self._before = [p.detach().clone() for p in self._parameters]
+        self._optimizer = _OPTIMIZERS[config.optimizer](
+            [{"params": of_trees, "lr": config.lr_actor}, {"params": of_critics, "lr": config.lr_critic}],
+            foreach=True,
+        )
+        # One order of samples for all trees and all trainings: it says nothing about what is in them.
+        self._shuffler = torch.Generator().manual_seed(0)
+        self.alive = torch.ones(ddt.num_trees, dtype=torch.bool)
+        self._all_alive = True
+        self._failures: list[str | None] = [None] * ddt.num_trees
+        self._timesteps = self._updates = 0
+        self._gradient_steps = [0] * ddt.num_trees
+        self._updates_of = [0] * ddt.num_trees
+        nothing_yet = torch.full((ddt.num_trees,), torch.nan)
+        self._soft_returns = nothing_yet.double()
+        self._losses = {name: nothing_yet for name in ("actor_loss", "critic_loss")}
+        self._batch: TensorDict | None = None
+
+    @torch.no_grad()
+    def standardise(self, samples: TensorDict) -> None:
+        """Count thresholds, and the critics' features and values, in units of their spreads over samples."""
+        self._timesteps += samples.batch_size[1:].numel()
+        observation = samples["observation"].flatten(1, -2)
+        mean, spread = _mean_and_spread(observation)
+        self._ddt.standardise(spread)
+        self._networks.standardise_features(mean, spread)
+        targets = self._advantages(samples)["value_target"].flatten(1, -2)
+        mean, spread = _mean_and_spread(targets)
+        self._networks.standardise_values(mean, spread)
+
+    def set_entropy_coeff(self, progress: float) -> None:
+        """Set the weight of the entropy bonus for an update, by its place among all from 0 to 1."""
+        first, last = self._config.entropy_coeff, self._config.entropy_final
+        if last is not None:
+            self._loss.entropy_coeff.fill_(first + (last - first) * progress)
+
+    def update(self, samples: TensorDict) -> None:
+        """Train on one batch of samples [R, T] or [R, K, T]: all epochs of an update."""
+        self._timesteps += samples.batch_size[1:].numel()
+        self._updates += 1
+        # Checked first: at an entropy that is no number TorchRL would turn to sampling, and raise.
+        self._bury(~_all_finite(samples["observation"], samples["next", "observation"]), "an observation")
+        self._bury(~_all_finite(samples["next", "reward"]), "a reward")
+        self._batch = self._prepared(samples)
+        for _ in range(self._config.epochs):
+            for minibatch in self._minibatches(self._batch):
+                self._step(minibatch)
+
+    def records(self) -> list[TrainingRecord]:
+        """Return what was done to each tree, [R]."""
+        columns = {**self._losses, **self._policy_after()}
+        values = {name: column.tolist() for name, column in columns.items()}
+        return [
+            TrainingRecord(
+                timesteps=self._timesteps,
+                updates=self._updates_of[tree],
+                gradient_steps=self._gradient_steps[tree],
+                soft_return=float(self._soft_returns[tree]),
+                failure=failure,
+                **({name: of_trees[tree] for name, of_trees in values.items()} if failure is None else {}),
+            )
+            for tree, failure in enumerate(self._failures)
+        ]
+
+    @torch.no_grad()
+    def _prepared(self, samples: TensorDict) -> TensorDict:
+        """Return the samples [R, T] with advantages, as the loss takes them."""
+        returns = torch.from_numpy(last_returns(samples))
+        is_new = self.alive & returns.isfinite()
+        self._soft_returns = torch.where(is_new, returns, self._soft_returns)
+        for tree in self._indices(self.alive):
+            self._updates_of[tree] += 1
+        if not self._all_alive:
+            self._silence(samples)
+        self._advantages(samples)
+        keys = ("observation", "action", "action_log_prob", "advantage", "value_target")
+        batch = {key: samples[key].flatten(1, samples.batch_dims - 1) for key in keys}
+        # Column by column: what reads one feature of all samples then reads one piece of memory.
+        batch["observation"] = batch["observation"].mT.contiguous().mT
+        return TensorDict(batch, batch["action"].shape)
+
+    def _minibatches(self, batch: TensorDict) -> Iterator[TensorDict]:
+        size, n_samples = self._config.minibatch_size, batch.batch_size[1]
+        if size is None or size >= n_samples:
+            yield batch
+            return
+        # What does not fill a minibatch goes to the others: one sample alone has no advantage to be normalised by.
+        shuffled = torch.randperm(n_samples, generator=self._shuffler)
+        for rows in shuffled.tensor_split(n_samples // size):
+            part = {key: values.index_select(1, rows) for key, values in batch.items()}
+            part["observation"] = batch["observation"].mT.index_select(2, rows).mT
+            yield TensorDict(part, part["action"].shape)
+
+    def _step(self, batch: TensorDict) -> None:
+        """Take one gradient step on these samples."""
+        losses = self._loss(batch)
+        objective, of_critic = losses["loss_objective"].mean(1), losses["loss_critic"].mean(1)
+        own = objective + of_critic + losses["loss_entropy"].mean(1)
+        self._optimizer.zero_grad()
+        (own if self._all_alive else torch.where(self.alive, own, 0.0)).sum().backward()
+        gradients = [p.grad for p in self._parameters]
+        if not _is_finite([own, *gradients]):
+            self._bury(~own.isfinite(), "the loss")
+            self._bury(~_all_finite(*gradients), "a gradient")
+        self._optimizer.step()
+        if not _is_finite(self._parameters):
+            self._bury(~_all_finite(*self._parameters), "a parameter")
+        for tree in self._indices(self.alive):
+            self._gradient_steps[tree] += 1
+        self._losses = {"actor_loss": objective.detach(), "critic_loss": of_critic.detach()}
+
+    @torch.no_grad()
+    def _bury(self, failed: Tensor, what: str) -> None:
+        """Put failed trees [R] back to what they were, and let nothing of them reach a loss or a step again."""
+        newly = failed & self.alive
+        self.alive &= ~failed
+        self._all_alive = bool(self.alive.all())
+        for tree in self._indices(newly):
+            where = f"in update {self._updates}, after {self._gradient_steps[tree]} gradient steps"
+            self._failures[tree] = f"{what} is not finite {where}"
+        if self._all_alive:
+            return
+        dead = ~self.alive
+        for parameter, before in zip(self._parameters, self._before, strict=True):
+            parameter[dead] = before[dead]
+            states = self._optimizer.state[parameter].values()
+            for tensor in (parameter.grad, *states):
+                if isinstance(tensor, Tensor) and tensor.shape == parameter.shape:
+                    tensor[dead] = 0
+        if self._batch is not None:
+            self._silence(self._batch)
+
+    def _silence(self, samples: TensorDict) -> None:
+        """Put samples of failed trees to 0: a loss made of them is finite."""
+        for values in samples.values(include_nested=True, leaves_only=True):
+            values[~self.alive] = 0
+
+    @torch.no_grad()
+    def _policy_after(self) -> dict[str, Tensor]:
+        """Return the entropy of the policies as they are, and how far they are from those that sampled, [R] each."""
+        if self._batch is None:
+            return {}
+        now = self._actor.get_dist(self._batch)
+        ratio = now.log_prob(self._batch["action"]) - self._batch["action_log_prob"]
+        is_clipped = (ratio.exp() - 1).abs() > self._config.clip_epsilon
+        return {
+            "entropy": now.entropy().mean(1),
+            "clip_fraction": is_clipped.float().mean(1),
+            "kl": -ratio.mean(1),
+        }
+
+    @staticmethod
+    def _indices(chosen: Tensor) -> list[int]:
+        return chosen.nonzero().flatten().tolist()
+
+
+def _mean_and_spread(values: Tensor) -> tuple[Tensor, Tensor]:
+    """Return two [R, D], mean and standard deviation over the samples of values [R, T, D]; 0 and 1 if they tell nothing."""
+    spread, mean = torch.std_mean(values.double(), 1)
+    # A feature that never moved has no scale of its own, and neither has one that is not a number.
+    return mean.nan_to_num(0.0, 0.0, 0.0).float(), torch.where(spread.isfinite() & (spread > 0), spread, 1.0).float()
+
+
+def _all_finite(*tensors: Tensor) -> Tensor:
+    """Return [R], whether all entries of a tree in tensors [R, ...] are finite."""
+    return torch.stack([tensor.isfinite().flatten(1).all(1) for tensor in tensors]).all(0)
+
+
+def _is_finite(tensors: Sequence[Tensor]) -> bool:
+    # The largest magnitude is finite exactly where all entries are.
+    return bool(torch.stack(torch._foreach_norm(tensors, torch.inf)).isfinite().all())
