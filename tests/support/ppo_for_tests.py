@@ -1,36 +1,148 @@
-"""A tree that is wrong, and what trains it for a moment."""
+"""Trees to train for a moment, and sources whose samples are known."""
 
-import numpy as np
+import math
+from dataclasses import replace
+
 import torch
+from tensordict import TensorDict
 
-from ge_torchrl.environments.spec import describe
-from ge_torchrl.rl.ddt import soften
-from ge_torchrl.rl.ppo import PPOSettings
-from ge_torchrl.rl.samples import open_source
-from ge_torchrl.trees.decision_tree import DecisionTree
+from ge_torchrl.config import PPOConfig
+from ge_torchrl.refiners.rl.actor_critic import ValueNetworks, make_actor
+from ge_torchrl.refiners.rl.ddt import soften
+from ge_torchrl.refiners.rl.ppo import train
+from ge_torchrl.trees.tree import DecisionTree
 
-LEFT, RIGHT = DecisionTree.leaf(0), DecisionTree.leaf(1)
-# It pushes the cart away from where the pole falls.
-WRONG = DecisionTree.split(3, 0.0, RIGHT, LEFT)
-SETTINGS = PPOSettings(max_timesteps=1500, update_timesteps=500, epochs=5, hidden=(16, 16))
-CARTPOLE = describe("CartPole-v1")
-
-
-def generator(seed=0):
-    return torch.Generator().manual_seed(seed)
-
-
-def soft(tree=WRONG):
-    return soften(tree, 2, generator=generator())
-
-
-def fused(seed=0):
-    return open_source(CARTPOLE, "fused", rng=np.random.default_rng(seed))
-
-
-def parameters_of(ddt):
-    return {name: value.detach().clone() for name, value in ddt.named_parameters()}
+leaf, split = DecisionTree.leaf, DecisionTree.split
+# Of different sizes: the second is padded beside the first, and so is the third, which has no split at all.
+MIXED = (
+    split(1, 0.25, leaf(2), split(0, -0.3, split(1, 0.9, leaf(1), leaf(0)), leaf(1))),
+    split(0, 0.1, leaf(0), leaf(2)),
+    leaf(1),
+)
+FEATURES, ACTIONS = 2, 3
+LITTLE = PPOConfig(
+    max_timesteps=600,
+    update_timesteps=200,
+    epochs=3,
+    critic_hidden=(8, 8),
+    standardise=False,
+    snapshot_episodes=0,
+    alpha=3.0,
+    leaf_logit=None,
+)
 
 
-def are_equal(first, second):
-    return all(torch.equal(value, second[name]) for name, value in first.items())
+def config(**changes):
+    return replace(LITTLE, **changes)
+
+
+def generators(seeds):
+    return [torch.Generator().manual_seed(seed) for seed in seeds]
+
+
+def drawn_samples(seed, n_steps=200, n_features=FEATURES, n_actions=ACTIONS):
+    """Samples [T] of one tree with random numbers in them, drawn from a seed of its own."""
+    (rng,) = generators([seed])
+
+    def chance(p):
+        return torch.rand(n_steps, 1, generator=rng) < p
+
+    terminated, truncated = chance(0.03), chance(0.02)
+    observation = torch.randn(n_steps + 1, n_features, generator=rng)
+    after = {
+        "observation": observation[1:],
+        "reward": torch.randn(n_steps, 1, generator=rng),
+        "episode_reward": torch.randn(n_steps, 1, generator=rng),
+        "done": terminated | truncated,
+        "terminated": terminated,
+        "truncated": truncated,
+    }
+    before = {
+        "observation": observation[:-1],
+        "action": torch.randint(n_actions, (n_steps,), generator=rng),
+        "action_log_prob": math.log(1 / n_actions) + 0.2 * torch.randn(n_steps, generator=rng),
+    }
+    return TensorDict({**before, "next": TensorDict(after, [n_steps])}, [n_steps])
+
+
+class GivenSource:
+    """Gives samples [R, T] that do not depend on the trees: those of each tree follow from its own seed.
+
+    Args:
+        seeds: [R].
+        change: Called with the samples and the number of the batch, from 0, to spoil them.
+    """
+
+    def __init__(self, seeds, change=lambda samples, batch: None, **shape):
+        self.seeds, self.change, self.shape, self.batches = seeds, change, shape, 0
+
+    def collect(self, n_steps):
+        samples = torch.stack(
+            [drawn_samples(1000 * self.batches + seed, n_steps, **self.shape) for seed in self.seeds]
+        ).contiguous()
+        self.change(samples, self.batches)
+        self.batches += 1
+        return samples
+
+    def close(self):
+        pass
+
+
+class Trained:
+    """Trees after a training on given samples: the soft trees, their critics, and the records.
+
+    Args:
+        trees: The trees.
+        settings: The hyperparameters.
+        seeds: [R] of each tree's leaves, critic and samples; by default its place in the list.
+        change: As of `GivenSource`.
+        prepare: Called with the soft trees before the training.
+    """
+
+    def __init__(
+        self,
+        trees,
+        settings=LITTLE,
+        seeds=None,
+        change=lambda samples, batch: None,
+        prepare=lambda ddt: None,
+        after_update=lambda: None,
+    ):
+        seeds = range(len(trees)) if seeds is None else seeds
+        rngs = generators(seeds)
+        self.ddt = soften(
+            trees,
+            ACTIONS,
+            settings.alpha,
+            settings.leaf_sd,
+            settings.leaf_logit,
+            rngs,
+            straight_through=settings.straight_through,
+        )
+        prepare(self.ddt)
+        self.networks = ValueNetworks(FEATURES, settings.critic_hidden, rngs)
+        self.records = train(
+            self.ddt,
+            make_actor(self.ddt),
+            self.networks,
+            GivenSource(seeds, change),
+            settings,
+            settings.max_timesteps,
+            after_update,
+        )
+
+    def parameters_of(self, row):
+        """All numbers of one tree and its critic, without padding."""
+        tree = self.ddt.trees[row]
+        numbers = {
+            "threshold": self.ddt.threshold[row, : tree.num_decision_nodes],
+            "leaf_logits": self.ddt.leaf_logits[row, : tree.num_leaves],
+        }
+        critic = {name: value[row] for name, value in self.networks.named_parameters()}
+        return {name: value.detach().clone() for name, value in {**numbers, **critic}.items()}
+
+
+def assert_close(first, second, tolerance):
+    assert first.keys() == second.keys()
+    for name, value in first.items():
+        torch.testing.assert_close(value, second[name], atol=tolerance, rtol=0, msg=lambda text, n=name: f"{n}: {text}")
