@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final, Protocol
 
 import torch
 from tensordict.nn import TensorDictModule
@@ -12,6 +13,8 @@ from torch.distributions import Categorical, Distribution
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from ge_torchrl.refiners.rl.ddt import DDT, columns_of
+
+_ONE: Final = torch.Size()
 
 
 class ValueNetworks(nn.Module):
@@ -72,14 +75,24 @@ class ValueNetworks(nn.Module):
         self.value_spread.copy_(spread.view(-1, 1, 1))
 
 
+class Draws(Protocol):
+    """Gives uniform numbers that decide actions."""
+
+    def next(self) -> Tensor:
+        """Return numbers in [0, 1), one for each action."""
+        ...
+
+
 class LogCategorical(Categorical):
     """A categorical distribution of log-probabilities: they are taken as they are, not normalised once more.
 
     Args:
         logits: [*S, A] log-probabilities, finite.
+        draws: Gives the uniform numbers [*S] that decide samples; None leaves them to torch.
     """
 
-    def __init__(self, logits: Tensor) -> None:
+    def __init__(self, logits: Tensor, draws: Draws | None = None) -> None:
+        self._draws = draws
         self.logits = self._param = logits
         self._num_events = logits.shape[-1]
         Distribution.__init__(self, logits.shape[:-1], validate_args=False)
@@ -89,21 +102,34 @@ class LogCategorical(Categorical):
         """[*S, A] probabilities."""
         return self.logits.exp()
 
+    def sample(self, sample_shape: torch.Size = _ONE) -> Tensor:
+        """Return actions [*S]."""
+        if self._draws is None:
+            return super().sample(sample_shape)
+        passed = self.probs.cumsum(-1) <= self._draws.next().unsqueeze(-1)
+        # What rounding leaves of a sum of one falls to the last action.
+        return passed.sum(-1).clamp_max(self._num_events - 1)
+
     def entropy(self) -> Tensor:
         """Return the entropy [*S], in nats."""
         return -(self.logits.exp() * self.logits).sum(-1)
 
 
-def make_actor(ddt: DDT) -> ProbabilisticActor:
+def make_actor(ddt: DDT, draws: Draws | None = None) -> ProbabilisticActor:
     """Build the actor around soft trees; it shares their parameters.
 
     It reads `observation` and writes `logits`, `action` (int64) and `action_log_prob`.
+
+    Args:
+        ddt: The trees.
+        draws: As of `LogCategorical`.
     """
     return ProbabilisticActor(
         TensorDictModule(ddt, in_keys=["observation"], out_keys=["logits"]),
         in_keys=["logits"],
         out_keys=["action"],
         distribution_class=LogCategorical,
+        distribution_kwargs={"draws": draws},
         return_log_prob=True,
     )
 

@@ -39,7 +39,8 @@ class DDT(nn.Module):
     `phi` and `x` are counted from `origin` in units of `scale`, so that one `alpha` and one learning rate suit
     features of any size. The hard tree is always in the feature's own units.
 
-    Trees are padded to the `M` splits and `L = M + 1` leaves of the largest. Padding has no mass and no gradient.
+    Trees are padded to the `M` splits (at least one) and `L = M + 1` leaves of the largest. Padding has no mass and no
+    gradient.
 
     Args:
         trees: [R] axis-aligned trees with actions; their structures and features stay as they are.
@@ -198,7 +199,7 @@ def soften(
     if leaf_sd > 0 and generators is None:
         raise ValueError("soften needs generators to draw the leaves from, or leaf_sd=0; got leaf_sd > 0 and none")
     mean = float(n_actions - 1) if leaf_logit is None else leaf_logit
-    n_leaves = max(tree.num_leaves for tree in trees)
+    n_leaves = max(2, *(tree.num_leaves for tree in trees))
     logits = torch.zeros(len(trees), n_leaves, n_actions)
     for row, tree in enumerate(trees):
         action = torch.from_numpy(tree.action.astype(np.int64))
@@ -242,8 +243,8 @@ def _check(trees: Sequence[DecisionTree], n_actions: int) -> None:
 
 
 def _padded(rows: Sequence[NDArray[_Number]], filling: int = 0) -> NDArray[_Number]:
-    """Return [R, N], the rows filled up to the longest."""
-    padded = np.full((len(rows), max(len(row) for row in rows)), filling, rows[0].dtype)
+    """Return [R, N], the rows filled up to the longest, and to one."""
+    padded = np.full((len(rows), max(1, *map(len, rows))), filling, rows[0].dtype)
     for place, row in zip(padded, rows, strict=True):
         place[: len(row)] = row
     return padded
@@ -253,7 +254,7 @@ def _paths(
     trees: Sequence[DecisionTree],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Return [R, L, M] which splits the path to each leaf leaves by the left and by the right, and [R, L, 1] leaves."""
-    n_splits = max(tree.num_decision_nodes for tree in trees)
+    n_splits = max(1, *(tree.num_decision_nodes for tree in trees))
     shape = (len(trees), n_splits + 1, n_splits)
     is_left, is_right = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     is_leaf = np.zeros((*shape[:2], 1), np.float32)

@@ -113,10 +113,7 @@ class Learner:
             functional=False,
             log_explained_variance=False,  # Nobody reads it, and it is one part in twenty of a gradient step.
         )
-        # Lone leaves have no threshold to train.
-        of_trees, of_critics = (
-            [p for p in module.parameters() if p.numel() > 0] for module in (ddt, networks)
-        )
+        of_trees, of_critics = list(ddt.parameters()), list(networks.parameters())
         self._parameters = [*of_trees, *of_critics]
         self._before = [p.detach().clone() for p in self._parameters]
         self._optimizer = _OPTIMIZERS[config.optimizer](
@@ -209,7 +206,7 @@ class Learner:
         for rows in shuffled.tensor_split(n_samples // size):
             part = {key: values.index_select(1, rows) for key, values in batch.items()}
             part["observation"] = batch["observation"].mT.index_select(2, rows).mT
-            yield TensorDict(part, part["action"].shape)
+            yield TensorDict(part, (batch.batch_size[0], len(rows)))
 
     def _step(self, batch: TensorDict) -> None:
         """Take one gradient step on these samples."""

@@ -102,7 +102,7 @@ def open_source(
     if sampler is None:
         from ge_torchrl.refiners.rl.collecting import CollectorSource
 
-        return CollectorSource(backend, ddt, actor, rngs, purpose)
+        return CollectorSource(backend, ddt, rngs, purpose)
     return KernelSource(sampler, ddt, actor, purpose)
 
 
