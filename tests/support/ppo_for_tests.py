@@ -36,6 +36,10 @@ def config(**changes):
     return replace(LITTLE, **changes)
 
 
+def unchanged(_samples, _batch):
+    pass
+
+
 def generators(seeds):
     return [torch.Generator().manual_seed(seed) for seed in seeds]
 
@@ -73,7 +77,7 @@ class GivenSource:
         change: Called with the samples and the number of the batch, from 0, to spoil them.
     """
 
-    def __init__(self, seeds, change=lambda samples, batch: None, **shape):
+    def __init__(self, seeds, change=unchanged, **shape):
         self.seeds, self.change, self.shape, self.batches = seeds, change, shape, 0
 
     def collect(self, n_steps):
@@ -96,7 +100,6 @@ class Trained:
         settings: The hyperparameters.
         seeds: [R] of each tree's leaves, critic and samples; by default its place in the list.
         change: As of `GivenSource`.
-        prepare: Called with the soft trees before the training.
     """
 
     def __init__(
@@ -104,8 +107,7 @@ class Trained:
         trees,
         settings=LITTLE,
         seeds=None,
-        change=lambda samples, batch: None,
-        prepare=lambda ddt: None,
+        change=unchanged,
         after_update=lambda: None,
     ):
         seeds = range(len(trees)) if seeds is None else seeds
@@ -119,7 +121,6 @@ class Trained:
             rngs,
             straight_through=settings.straight_through,
         )
-        prepare(self.ddt)
         self.networks = ValueNetworks(FEATURES, settings.critic_hidden, rngs)
         self.records = train(
             self.ddt,
@@ -145,4 +146,6 @@ class Trained:
 def assert_close(first, second, tolerance):
     assert first.keys() == second.keys()
     for name, value in first.items():
-        torch.testing.assert_close(value, second[name], atol=tolerance, rtol=0, msg=lambda text, n=name: f"{n}: {text}")
+        torch.testing.assert_close(
+            value, second[name], atol=tolerance, rtol=0, msg=lambda text, n=name: f"{n}: {text}"
+        )

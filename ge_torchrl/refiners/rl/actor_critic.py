@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final, Protocol
+from itertools import pairwise
+from typing import Final, Protocol, TypeAlias
 
 import torch
 from tensordict.nn import TensorDictModule
@@ -14,6 +15,7 @@ from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from ge_torchrl.refiners.rl.ddt import DDT, columns_of
 
+_Shape: TypeAlias = torch.Size | list[int] | tuple[int, ...]
 _ONE: Final = torch.Size()
 
 
@@ -41,14 +43,16 @@ class ValueNetworks(nn.Module):
     value_mean: Tensor
     value_spread: Tensor
 
-    def __init__(
-        self, n_features: int, hidden: Sequence[int], generators: Sequence[torch.Generator]
-    ) -> None:
+    def __init__(self, n_features: int, hidden: Sequence[int], generators: Sequence[torch.Generator]) -> None:
         super().__init__()
         widths = [n_features, *hidden, 1]
         layers = [_first_weights(widths, generator) for generator in generators]
-        self.weights = nn.ParameterList(torch.stack([own[i][0] for own in layers]) for i in range(len(widths) - 1))
-        self.biases = nn.ParameterList(torch.stack([own[i][1] for own in layers]) for i in range(len(widths) - 1))
+        self.weights = nn.ParameterList(
+            torch.stack([own[i][0] for own in layers]) for i in range(len(widths) - 1)
+        )
+        self.biases = nn.ParameterList(
+            torch.stack([own[i][1] for own in layers]) for i in range(len(widths) - 1)
+        )
         n_trees = len(generators)
         self.register_buffer("feature_mean", torch.zeros(n_trees, n_features, 1))
         self.register_buffer("feature_spread", torch.ones(n_trees, n_features, 1))
@@ -102,10 +106,16 @@ class LogCategorical(Categorical):
         """[*S, A] probabilities."""
         return self.logits.exp()
 
-    def sample(self, sample_shape: torch.Size = _ONE) -> Tensor:
+    @property
+    def deterministic_sample(self) -> Tensor:
+        """[*S] the most probable actions, for TorchRL."""
+        return self.mode
+
+    def sample(self, sample_shape: _Shape = _ONE) -> Tensor:
         """Return actions [*S]."""
         if self._draws is None:
-            return super().sample(sample_shape)
+            drawn: Tensor = super().sample(sample_shape)  # type: ignore[no-untyped-call]
+            return drawn
         passed = self.probs.cumsum(-1) <= self._draws.next().unsqueeze(-1)
         # What rounding leaves of a sum of one falls to the last action.
         return passed.sum(-1).clamp_max(self._num_events - 1)
@@ -142,7 +152,7 @@ def make_critic(networks: ValueNetworks) -> ValueOperator:
 def _first_weights(widths: Sequence[int], generator: torch.Generator) -> list[tuple[Tensor, Tensor]]:
     """Draw weights [H_i, H_(i-1)] and biases [H_i, 1] of one network's layers, uniform within 1 / sqrt(H_(i-1))."""
     layers = []
-    for n_in, n_out in zip(widths[:-1], widths[1:], strict=True):
+    for n_in, n_out in pairwise(widths):
         bound = 1 / math.sqrt(n_in)
         weight = torch.empty(n_out, n_in).uniform_(-bound, bound, generator=generator)
         bias = torch.empty(n_out, 1).uniform_(-bound, bound, generator=generator)

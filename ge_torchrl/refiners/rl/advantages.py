@@ -13,11 +13,10 @@ from torchrl.objectives.value import GAE
 class ScanGAE(GAE):  # type: ignore[misc]
     """TorchRL's `GAE` with its recursion by doubling: log2(T) operations on all samples where that has T on a few.
 
-    It adds `advantage`, `value_target` and `state_value` [*S, T, 1] to samples [*S, T]:
-
-    `A_t = delta_t + gamma lambda (1 - done_t) A_(t+1)` with `delta_t = r_t + gamma (1 - terminated_t) V(s'_t) - V(s_t)`:
-    a truncated episode goes on beyond its last step as far as its value is concerned, a terminated one does not.
-    For 1,000 samples of 32 trees TorchRL's loop takes 35 ms, its vectorised form 90, this one 1.
+    It adds `advantage` and `value_target` [*S, T, 1] to samples [*S, T]:
+    `A_t = delta_t + gamma lambda (1 - done_t) A_(t+1)` with
+    `delta_t = r_t + gamma (1 - terminated_t) V(s'_t) - V(s_t)`. A truncated episode goes on beyond its last step as far
+    as its value is concerned, a terminated one does not.
     """
 
     @torch.no_grad()

@@ -40,9 +40,7 @@ class CollectorSource:
         EnvironmentFaultError: The environment is at fault; raised by `collect` too.
     """
 
-    def __init__(
-        self, backend: Backend, ddt: DDT, rngs: Sequence[np.random.Generator], purpose: str
-    ) -> None:
+    def __init__(self, backend: Backend, ddt: DDT, rngs: Sequence[np.random.Generator], purpose: str) -> None:
         self._backend = backend
         self._ddt = ddt
         self._rngs = rngs
@@ -63,7 +61,7 @@ class CollectorSource:
             self._draws.draw(piece)
             pieces.append(self._collector.next().select(*_KEYS))
             ledger.count(self._purpose, n_lanes * piece)
-        samples: TensorDict = torch.cat(pieces, 1).unflatten(0, (self._ddt.num_trees, copies))
+        samples: TensorDict = torch.cat(pieces, 1).reshape(self._ddt.num_trees, copies, length)
         samples["next"] = samples["next"].select(*_NEXT)
         return samples
 

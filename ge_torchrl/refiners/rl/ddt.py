@@ -107,7 +107,7 @@ class DDT(nn.Module):
         """
         columns = columns_of(observation, self.num_trees, self.threshold.dtype)
         row = self.feature + columns.shape[1] * torch.arange(self.num_trees).unsqueeze(-1)
-        observed = columns.flatten(0, 1).index_select(0, row.flatten()).unflatten(0, row.shape)
+        observed = columns.flatten(0, 1).index_select(0, row.flatten()).view(*row.shape, -1)
         weights = self._leaf_weights(observed)
         # The softmax of a padded leaf is put to 0: it takes neither mass nor gradient.
         of_leaf = self.leaf_logits.softmax(-1) * self.is_leaf
@@ -197,7 +197,9 @@ def soften(
     """
     _check(trees, n_actions)
     if leaf_sd > 0 and generators is None:
-        raise ValueError("soften needs generators to draw the leaves from, or leaf_sd=0; got leaf_sd > 0 and none")
+        raise ValueError(
+            "soften needs generators to draw the leaves from, or leaf_sd=0; got leaf_sd > 0 and none"
+        )
     mean = float(n_actions - 1) if leaf_logit is None else leaf_logit
     n_leaves = max(2, *(tree.num_leaves for tree in trees))
     logits = torch.zeros(len(trees), n_leaves, n_actions)

@@ -6,12 +6,14 @@ own losses, and Adam and RMSprop act entry by entry: each tree is trained as if 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
+from torch.nn.utils import get_total_norm
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 
@@ -130,7 +132,7 @@ class Learner:
         self._updates_of = [0] * ddt.num_trees
         nothing_yet = torch.full((ddt.num_trees,), torch.nan)
         self._soft_returns = nothing_yet.double()
-        self._losses = {name: nothing_yet for name in ("actor_loss", "critic_loss")}
+        self._losses = dict.fromkeys(("actor_loss", "critic_loss"), nothing_yet)
         self._batch: TensorDict | None = None
 
     @torch.no_grad()
@@ -215,7 +217,7 @@ class Learner:
         own = objective + of_critic + losses["loss_entropy"].mean(1)
         self._optimizer.zero_grad()
         (own if self._all_alive else torch.where(self.alive, own, 0.0)).sum().backward()
-        gradients = [p.grad for p in self._parameters]
+        gradients = [p.grad for p in self._parameters if p.grad is not None]
         if not _is_finite([own, *gradients]):
             self._bury(~own.isfinite(), "the loss")
             self._bury(~_all_finite(*gradients), "a gradient")
@@ -272,10 +274,12 @@ class Learner:
 
 
 def _mean_and_spread(values: Tensor) -> tuple[Tensor, Tensor]:
-    """Return two [R, D], mean and standard deviation over the samples of values [R, T, D]; 0 and 1 if they tell nothing."""
+    """Return mean and standard deviation [R, D] over samples [R, T, D]; 0 and 1 where they tell nothing."""
     spread, mean = torch.std_mean(values.double(), 1)
     # A feature that never moved has no scale of its own, and neither has one that is not a number.
-    return mean.nan_to_num(0.0, 0.0, 0.0).float(), torch.where(spread.isfinite() & (spread > 0), spread, 1.0).float()
+    return mean.nan_to_num(0.0, 0.0, 0.0).float(), torch.where(
+        spread.isfinite() & (spread > 0), spread, 1.0
+    ).float()
 
 
 def _all_finite(*tensors: Tensor) -> Tensor:
@@ -283,6 +287,6 @@ def _all_finite(*tensors: Tensor) -> Tensor:
     return torch.stack([tensor.isfinite().flatten(1).all(1) for tensor in tensors]).all(0)
 
 
-def _is_finite(tensors: Sequence[Tensor]) -> bool:
+def _is_finite(tensors: Iterable[Tensor]) -> bool:
     # The largest magnitude is finite exactly where all entries are.
-    return bool(torch.stack(torch._foreach_norm(tensors, torch.inf)).isfinite().all())
+    return bool(get_total_norm(tensors, math.inf).isfinite())

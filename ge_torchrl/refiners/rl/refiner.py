@@ -19,7 +19,7 @@ from ge_torchrl.refiners.rl.snapshots import Snapshots
 from ge_torchrl.trees.tree import DecisionTree
 
 CHUNK: Final = 32
-"""Trees trained as one batch. More would not fit the caches of a core; with fewer, Python takes longer than the numbers."""
+"""Trees trained as one batch: of fewer, Python takes longer than the numbers; more would not fit a core's caches."""
 
 
 class PPORefiner:

@@ -75,7 +75,7 @@ class KernelSource:
             shape,
         )
         # The actor's own distribution: the ratio of the first gradient step is then exactly one.
-        batch["action_log_prob"] = self._actor.get_dist(batch).log_prob(batch["action"])
+        batch["action_log_prob"] = self._actor.get_dist(batch.select("observation")).log_prob(batch["action"])
         return batch
 
     def close(self) -> None:

@@ -50,7 +50,7 @@ class Snapshots:
         # Equal without episodes: then the last one counts.
         is_better = returns > self._best if len(self._seeds) > 0 else np.isfinite(threshold).all(1)
         self._best = np.where(is_better, returns, self._best)
-        chosen = is_better[:, np.newaxis]
+        chosen = np.expand_dims(is_better, 1)
         self._threshold = np.where(chosen, threshold, self._threshold)
         self._action = np.where(chosen, action, self._action)
 
@@ -63,7 +63,7 @@ class Snapshots:
         is_valid = np.isfinite(threshold).all(1)
         if len(self._seeds) == 0:
             return np.where(is_valid, 0.0, -np.inf)
-        forest = self._stacked(np.where(is_valid[:, np.newaxis], threshold, self._threshold), action)
+        forest = self._stacked(np.where(np.expand_dims(is_valid, 1), threshold, self._threshold), action)
         outcomes = self._backend.evaluate(forest, self._seeds, self._purpose)
         return np.where(is_valid, outcomes.returns.mean(1), -np.inf)
 

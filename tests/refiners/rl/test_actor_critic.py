@@ -77,7 +77,9 @@ def test_critics_are_relu_networks_of_the_hidden_widths_each_with_weights_of_its
     for row in range(3):
         columns = observed[row]
         for i, (weight, bias) in enumerate(zip(stacked.weights, stacked.biases, strict=True)):
-            columns = torch.nn.functional.linear(columns if i == 0 else columns.relu(), weight[row], bias[row, :, 0])
+            columns = torch.nn.functional.linear(
+                columns if i == 0 else columns.relu(), weight[row], bias[row, :, 0]
+            )
         torch.testing.assert_close(output[row], columns)
 
 
@@ -112,7 +114,10 @@ def test_value_networks_count_features_and_values_from_their_means_in_their_spre
         moved = mean.unsqueeze(1) + spread.unsqueeze(1) * observed
         torch.testing.assert_close(stacked(moved), plain, atol=1e-5, rtol=1e-5)
         stacked.standardise_values(torch.tensor([-60.0, 0.0, 5.0]), torch.tensor([20.0, 1.0, 0.5]))
-        expected = torch.tensor([-60.0, 0.0, 5.0]).view(3, 1, 1) + torch.tensor([20.0, 1.0, 0.5]).view(3, 1, 1) * plain
+        expected = (
+            torch.tensor([-60.0, 0.0, 5.0]).view(3, 1, 1)
+            + torch.tensor([20.0, 1.0, 0.5]).view(3, 1, 1) * plain
+        )
         torch.testing.assert_close(stacked(moved), expected, atol=1e-4, rtol=1e-5)
 
 

@@ -26,7 +26,9 @@ def samples_of(n_steps, *, ends_every, by_truncation, reward=1.0):
         "truncated": done if by_truncation else no,
         "terminated": no if by_truncation else done,
     }
-    return TensorDict({"observation": torch.ones(1, n_steps, 4), "next": TensorDict(after, [1, n_steps])}, [1, n_steps])
+    return TensorDict(
+        {"observation": torch.ones(1, n_steps, 4), "next": TensorDict(after, [1, n_steps])}, [1, n_steps]
+    )
 
 
 def constant_critic(value):

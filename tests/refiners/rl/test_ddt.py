@@ -65,7 +65,9 @@ def test_a_straight_through_tree_acts_as_the_hard_one_everywhere(case):
     forest, observed = case
     ddt = soft(forest, alpha=1.0, leaf_sd=0, leaf_logit=5.0, straight_through=True)
     chosen = log_probabilities(ddt, observed).argmax(2)
-    np.testing.assert_array_equal(chosen, [tree.decide(own) for tree, own in zip(forest, observed, strict=True)])
+    np.testing.assert_array_equal(
+        chosen, [tree.decide(own) for tree, own in zip(forest, observed, strict=True)]
+    )
     assert np.isinf(ddt.soft_forest().alpha).all()
 
 
@@ -105,7 +107,12 @@ def test_hardening_takes_thresholds_and_most_probable_actions():
     with torch.no_grad():
         ddt.threshold[0] = torch.tensor([0.25, 0.4, 0.1])
         ddt.leaf_logits[0] = torch.eye(3)[[1, 2, 0, 1]]
-    expected = split(1, 0.5, leaf(1), split(0, np.float32(-0.3) + np.float32(0.4), split(1, 1.0, leaf(2), leaf(0)), leaf(1)))
+    expected = split(
+        1,
+        0.5,
+        leaf(1),
+        split(0, np.float32(-0.3) + np.float32(0.4), split(1, 1.0, leaf(2), leaf(0)), leaf(1)),
+    )
     first, *others = harden(ddt)
     assert first == expected
     assert others == list(MIXED[1:])
@@ -159,7 +166,11 @@ def test_gradients_are_those_of_finite_differences():
 
 
 @few
-@given(observed_forests(near=[3.4028235e38, -3.4028235e38, np.inf, -np.inf]), st.sampled_from([0.1, 2.0, 200.0]), st.booleans())
+@given(
+    observed_forests(near=[3.4028235e38, -3.4028235e38, np.inf, -np.inf]),
+    st.sampled_from([0.1, 2.0, 200.0]),
+    st.booleans(),
+)
 def test_values_and_gradients_are_finite_everywhere(case, leaf_logit, straight_through):
     forest, observed = case
     ddt = soft(forest, leaf_sd=0, leaf_logit=leaf_logit, straight_through=straight_through)
@@ -187,7 +198,9 @@ def test_padding_leaves_no_trace(case, alpha):
         expected.exp()[..., 0].sum().backward()
         for name, n_own in (("threshold", tree.num_decision_nodes), ("leaf_logits", tree.num_leaves)):
             gradient = getattr(together, name).grad[row]
-            torch.testing.assert_close(gradient[:n_own], getattr(alone, name).grad[0, :n_own], atol=1e-4, rtol=1e-4)
+            torch.testing.assert_close(
+                gradient[:n_own], getattr(alone, name).grad[0, :n_own], atol=1e-4, rtol=1e-4
+            )
             assert not gradient[n_own:].any()
 
 
@@ -236,7 +249,9 @@ def test_only_thresholds_and_leaves_are_trained():
 
 @few
 @given(observed_forests(), st.sampled_from([0.5, 20.0]))
-def test_a_standardised_tree_is_the_same_hard_tree_with_splits_as_steep_as_its_features_are_narrow(case, alpha):
+def test_a_standardised_tree_is_the_same_hard_tree_with_splits_as_steep_as_its_features_are_narrow(
+    case, alpha
+):
     forest, observed = case
     spread = torch.tensor([[2.0 ** ((j + row) % 5 - 2) for j in range(4)] for row in range(len(forest))])
     ddt = soft(forest, alpha)

@@ -150,7 +150,9 @@ def test_training_changes_numbers_and_not_structure():
     assert (trained.ddt.threshold[0] != 0).all()
     first = trained.records[0]
     assert (first.timesteps, first.updates, first.gradient_steps, first.failure) == (600, 3, 9, None)
-    assert all(math.isfinite(getattr(first, name)) for name in ("actor_loss", "critic_loss", "kl", "soft_return"))
+    assert all(
+        math.isfinite(getattr(first, name)) for name in ("actor_loss", "critic_loss", "kl", "soft_return")
+    )
     assert 0 < first.entropy <= math.log(ACTIONS)
     assert 0 <= first.clip_fraction <= 1
 
@@ -228,7 +230,9 @@ def test_a_gradient_and_a_parameter_that_are_not_finite_put_a_tree_back_too():
     ddt, of_parameter = learner()
     of_parameter._optimizer.register_step_post_hook(lambda *_: ddt.threshold.data[0].fill_(torch.nan))
     of_parameter.update(GivenSource(range(3)).collect(50))
-    assert of_parameter.records()[0].failure == "a parameter is not finite in update 1, after 0 gradient steps"
+    assert (
+        of_parameter.records()[0].failure == "a parameter is not finite in update 1, after 0 gradient steps"
+    )
     assert of_parameter.alive.tolist() == [False, True, True]
     assert harden(ddt)[0] == MIXED[0]
 
@@ -274,9 +278,13 @@ def test_the_first_batch_measures_the_spreads_and_nothing_else():
     # The first tree asks for features 1, 0 and 1; what never moves, or is no number, has no scale of its own.
     np.testing.assert_allclose(trained.ddt.scale[0], [1.0, spread[0], 1.0], rtol=1e-5)
     np.testing.assert_allclose(trained.networks.feature_spread[0, :, 0], [spread[0], 1.0], rtol=1e-5)
-    np.testing.assert_allclose(trained.networks.feature_mean[0, :, 0], [seen[0][0, :, 0].mean(), 4.0], rtol=1e-4)
+    np.testing.assert_allclose(
+        trained.networks.feature_mean[0, :, 0], [seen[0][0, :, 0].mean(), 4.0], rtol=1e-4
+    )
     assert trained.networks.feature_spread[2, :, 0].tolist() == [1.0, 1.0]
-    assert [(r.timesteps, r.updates, r.gradient_steps, r.failure) for r in trained.records] == [(800, 3, 9, None)] * 3
+    assert [(r.timesteps, r.updates, r.gradient_steps, r.failure) for r in trained.records] == [
+        (800, 3, 9, None)
+    ] * 3
 
 
 def test_critics_standardise_values_by_their_first_targets():
@@ -288,9 +296,13 @@ def test_critics_standardise_values_by_their_first_targets():
     samples["next", "reward"] = samples["next", "reward"] * 50 - 100
     learner.standardise(samples.clone())
     with torch.no_grad():
-        targets = ScanGAE(gamma=LITTLE.gamma, lmbda=LITTLE.gae_lambda, value_network=learner._loss.critic_network)(samples)
+        targets = ScanGAE(
+            gamma=LITTLE.gamma, lmbda=LITTLE.gae_lambda, value_network=learner._loss.critic_network
+        )(samples)
     assert (networks.value_mean < -50).all()
-    assert (targets["value_target"].std(1).flatten() / networks.value_spread.flatten()).tolist() == pytest.approx([1.0] * 3, rel=0.5)
+    assert (
+        targets["value_target"].std(1).flatten() / networks.value_spread.flatten()
+    ).tolist() == pytest.approx([1.0] * 3, rel=0.5)
 
 
 def test_the_weight_of_entropy_falls_linearly():
@@ -331,7 +343,8 @@ def test_training_does_not_depend_on_torchs_threads_and_leaves_them_as_they_were
     for other in results[1:]:
         assert other.records == results[0].records
         assert all(
-            torch.equal(a, b) for a, b in zip(other.ddt.parameters(), results[0].ddt.parameters(), strict=True)
+            torch.equal(a, b)
+            for a, b in zip(other.ddt.parameters(), results[0].ddt.parameters(), strict=True)
         )
 
 

@@ -35,7 +35,9 @@ class Sampled:
     def __init__(self):
         self.closers = []
 
-    def __call__(self, name, trees, environment_id="CartPole-v1", limit=None, seeds=None, alpha=10.0, **options):
+    def __call__(
+        self, name, trees, environment_id="CartPole-v1", limit=None, seeds=None, alpha=10.0, **options
+    ):
         backend = BACKENDS[name](describe(environment_id, max_episode_steps=limit), 1)
         ddt = soften(trees, backend.spec.n_actions, alpha, 0, options.pop("leaf_logit", 1.0), **options)
         seeds = range(len(trees)) if seeds is None else seeds
@@ -95,7 +97,9 @@ def test_streams_go_on_from_batch_to_batch(opened, name):
     after = batches["next"]
     done = after["done"].squeeze(-1)
     goes_on = ~done[..., :-1]
-    assert torch.equal(after["observation"][..., :-1, :][goes_on], batches["observation"][..., 1:, :][goes_on])
+    assert torch.equal(
+        after["observation"][..., :-1, :][goes_on], batches["observation"][..., 1:, :][goes_on]
+    )
     assert torch.equal(after["done"], after["terminated"] | after["truncated"])
     assert after["truncated"].any()
     # Every reward is 1: an episode's return is its length.
@@ -132,14 +136,14 @@ def test_samples_follow_the_trees_as_they_stand(opened, name):
 
 @pytest.mark.parametrize("name", BACKENDS)
 def test_samples_of_standardised_trees_agree_with_their_probabilities(opened, name):
-    source, ddt, _ = opened(name, [BALANCING], limit=LIMIT, leaf_logit=3.0, alpha=2.0)
-    blunt = flat(source.collect(1600))
-    ddt.standardise(torch.tensor([[1.0, 1.0, 0.05, 0.5]]))
-    samples, soft = flat(source.collect(1600)), ddt.soft_forest()
+    source, ddt, _ = opened(name, [BALANCING] * 10, limit=LIMIT, leaf_logit=3.0, alpha=2.0)
+    blunt = source.collect(160)
+    ddt.standardise(torch.tensor([[1.0, 1.0, 0.05, 0.5]]).expand(10, -1))
+    samples, soft = source.collect(160), ddt.soft_forest()
 
     def misfit(samples):
-        observed = samples["observation"][0].numpy()
-        return calibration(observed, samples["action"][0].numpy(), mixtures(soft, 0, observed))
+        observed = samples["observation"].reshape(-1, 4).numpy()
+        return calibration(observed, samples["action"].flatten().numpy(), mixtures(soft, 0, observed))
 
     assert misfit(samples) < 4.5
     assert misfit(blunt) > 5, "the samples before are those of another policy"
@@ -178,12 +182,12 @@ def test_both_draw_from_one_distribution_and_another_tree_is_told_apart(
     opened, environment_id, limit, tree, other_tree, alpha, statistic
 ):
     def ends(name, tree, n_steps):
-        return statistic(opened(name, [tree], environment_id, limit, alpha=alpha)[0].collect(n_steps))
+        return statistic(opened(name, [tree] * 10, environment_id, limit, alpha=alpha)[0].collect(n_steps))
 
-    collected = ends("gymnasium", tree, 4000)
+    collected = ends("gymnasium", tree, 480)
     assert len(collected) > 80
-    assert ks_p_value(collected, ends("kernel", tree, 100_000)) > 0.01
-    assert ks_p_value(collected, ends("kernel", other_tree, 100_000)) < 1e-4
+    assert ks_p_value(collected, ends("kernel", tree, 10_000)) > 0.01
+    assert ks_p_value(collected, ends("kernel", other_tree, 10_000)) < 1e-4
 
 
 def test_the_test_of_distributions_holds_its_level():
@@ -211,7 +215,7 @@ def test_a_limit_holds_between_pieces(opened, monkeypatch):
     backend.limit = Limit(max_env_steps=50)
     with pytest.raises(LimitReachedError):
         source.collect(400)
-    assert backend.steps.total() == 60
+    assert backend.steps.total() == 72
 
 
 def test_a_number_of_steps_that_copies_cannot_share_is_taken_by_fewer(opened):
@@ -220,8 +224,8 @@ def test_a_number_of_steps_that_copies_cannot_share_is_taken_by_fewer(opened):
 
 
 def test_observations_of_integers_are_collected(opened):
-    register(Int64WalkEnv)
-    samples = opened("gymnasium", [leaf(0), split(0, 1.0, leaf(0), leaf(1))], Int64WalkEnv.__name__ + "-v0")[0].collect(40)
+    walk = register(Int64WalkEnv, max_episode_steps=9)
+    samples = opened("gymnasium", [leaf(0), split(0, 1.0, leaf(0), leaf(1))], walk)[0].collect(40)
     assert samples["observation"].dtype == torch.float32
 
 
