@@ -107,7 +107,8 @@ class _Run:
         with ExitStack() as opened:
             opened.enter_context(_warnings_told(self.warnings, console))
             self.history = opened.enter_context(self.folder.history_writer())
-            self.refinements = opened.enter_context(self.folder.refinements_writer())
+            if self.problem.refiner is not None:
+                self.refinements = opened.enter_context(self.folder.refinements_writer())
             self.progress = opened.enter_context(Progress(console, config.ge.generations, config))
             self.backend.on_steps = self.progress.beat
             try:

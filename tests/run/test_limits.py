@@ -1,0 +1,109 @@
+"""Limits hold over a whole run: the first generation, refinement, validation and test are all within them."""
+
+import time
+
+import pytest
+from runs_for_tests import config, run
+from walks_for_tests import BNF, SlowWalkEnv, registered
+
+from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.errors import UserError
+
+# All that a run can do, at sizes that no limit of these tests allows.
+EVERYTHING = {
+    "refiner": {"method": "cmaes", "schedule": {"every": 2}, "candidates": 2, "acceptance_episodes": 20},
+    "archive": {
+        "keep": 3, "episodes": 50, "neighbours": 4, "neighbours_drawn": 40, "revisits": 1, "revisit_factor": 2,
+        "migrants": 4, "final_keep": 3, "final_factor": 5,
+    },
+}  # fmt: skip
+ENDLESS = {"generations": 10_000, "population_size": 30, "genotype_length": 40, "gene_probability": 0.1}
+MANY = {"episodes": 5, "validation_episodes": 2000, "test_episodes": 2000}
+
+
+def limited(folder, ge, env=None, polish=None, **sections):
+    """Run under a limit; return the summary and the seconds that it took in all."""
+    sections = {**EVERYTHING, "evaluation": MANY, **sections, "ge": {**ENDLESS, **ge}}
+    polish = {"every": 1, "max_timesteps": 20_000, **(polish or {})}
+    if env is not None:
+        sections.update(env=env, grammar={"bnf": BNF})
+    started = time.perf_counter()
+    summary, _ = run(config(polish=polish, **sections), folder)
+    assert RunFolder(folder).read_summary().stopped_by == summary.stopped_by
+    assert RunFolder(folder).read_best_tree().tree is not None
+    return summary, time.perf_counter() - started
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """A first run waits for kernels; how long that takes is not what is tested."""
+    limited(tmp_path_factory.mktemp("compiled") / "run", {"generations": 3})
+
+
+@pytest.mark.usefixtures("compiled")
+class TestKernel:
+    def test_seconds_hold(self, tmp_path):
+        summary, seconds = limited(tmp_path / "run", {"max_seconds": 2.0})
+        assert summary.stopped_by == "max_seconds"
+        assert summary.generations > 1
+        assert 1.2 < seconds <= 2.2
+
+    def test_steps_hold_to_the_step_that_they_are_counted_by(self, tmp_path):
+        summaries = [
+            limited(tmp_path / str(threads), {"max_env_steps": 3_000_000}, evaluation={**MANY, "threads": threads})[0]
+            for threads in (1, 2)
+        ]
+        for summary in summaries:
+            assert summary.stopped_by == "max_env_steps"
+            assert summary.generations > 1
+            assert 2_000_000 < summary.env_steps_total <= 3_300_000
+            assert summary.refined > 0 < summary.polished
+        # Law 6 holds for a limit of steps too.
+        assert summaries[0].steps == summaries[1].steps
+        assert summaries[0].test_mean == summaries[1].test_mean
+
+    @pytest.mark.parametrize("max_env_steps", [300, 3_000, 30_000])
+    def test_a_first_generation_may_be_cut_short(self, tmp_path, max_env_steps):
+        summary, _ = limited(tmp_path / "run", {"max_env_steps": max_env_steps, "population_size": 5000})
+        assert (summary.stopped_by, summary.generations) == ("max_env_steps", 1)
+        assert summary.env_steps_total <= 1.1 * max_env_steps
+
+    @pytest.mark.parametrize("limit", [{"max_env_steps": 10}, {"max_seconds": 1e-6}])
+    def test_where_no_tree_can_be_measured_that_is_told_in_one_line(self, tmp_path, limit):
+        (name,) = limit
+        with pytest.raises(UserError, match=f"ge.{name} must leave time for the first generation") as raised:
+            limited(tmp_path / "run", limit)
+        assert "\n" not in str(raised.value)
+
+
+class TestSlowEnvironment:
+    """A thousand steps a second, fifty steps an episode: each costs a part of a short limit."""
+
+    FEW = {  # noqa: RUF012
+        "refiner": {**EVERYTHING["refiner"], "acceptance_episodes": 2, "measuring_episodes": 1},
+        "archive": {**EVERYTHING["archive"], "episodes": 2, "neighbours": 0},
+        "polish": {"every": 0, "max_timesteps": 1000, "episodes": 2},
+        "evaluation": {**MANY, "episodes": 1},
+    }
+
+    @pytest.fixture
+    def slow(self):
+        with registered(SlowWalkEnv, max_episode_steps=50) as env:
+            yield env
+
+    @pytest.mark.parametrize("population_size", [4, 2000])
+    def test_seconds_hold(self, tmp_path, slow, population_size):
+        ge = {"max_seconds": 3.0, "population_size": population_size}
+        summary, seconds = limited(tmp_path / "run", ge, slow, **self.FEW)
+        assert summary.stopped_by == "max_seconds"
+        # Of many trees the first generation alone would take two minutes.
+        assert (summary.generations == 1) == (population_size == 2000)
+        assert seconds <= 3.3
+
+    def test_steps_hold(self, tmp_path, slow, monkeypatch):
+        monkeypatch.setattr(SlowWalkEnv, "seconds", 0.0)
+        ge = {"max_env_steps": 20_000, "population_size": 10}
+        summary, _ = limited(tmp_path / "run", ge, slow, **self.FEW)
+        assert summary.stopped_by == "max_env_steps"
+        assert 14_000 < summary.env_steps_total <= 22_000
+        assert summary.refined > 0
