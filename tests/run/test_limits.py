@@ -50,7 +50,9 @@ class TestKernel:
 
     def test_steps_hold_to_the_step_that_they_are_counted_by(self, tmp_path):
         summaries = [
-            limited(tmp_path / str(threads), {"max_env_steps": 3_000_000}, evaluation={**MANY, "threads": threads})[0]
+            limited(
+                tmp_path / str(threads), {"max_env_steps": 3_000_000}, evaluation={**MANY, "threads": threads}
+            )[0]
             for threads in (1, 2)
         ]
         for summary in summaries:

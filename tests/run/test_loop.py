@@ -141,7 +141,9 @@ def test_a_fault_goes_on_up_and_leaves_the_last_state(backend, fault):
 
 class TestStopWhenSolved:
     @pytest.mark.parametrize(("refined", "stopped_by"), [(GOOD, "solved"), (leaf(0), "generations")])
-    def test_a_refined_tree_stops_the_run_if_validation_agrees_that_it_solves(self, backend, refined, stopped_by):
+    def test_a_refined_tree_stops_the_run_if_validation_agrees_that_it_solves(
+        self, backend, refined, stopped_by
+    ):
         """On a few measuring episodes a poor tree may look good."""
         problem = problem_of(
             backend,

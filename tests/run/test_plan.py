@@ -11,7 +11,11 @@ def test_a_plan_knows_the_environment_and_its_grammar():
     config = config_of()
     planned = plan(config)
     assert planned.config is config
-    assert (planned.spec.id, planned.spec.names.features, planned.spec.solved_at) == ("CartPole-v1", FEATURES, 475)
+    assert (planned.spec.id, planned.spec.names.features, planned.spec.solved_at) == (
+        "CartPole-v1",
+        FEATURES,
+        475,
+    )
     assert planned.tables.grammar.constants[2]
     assert not planned.tables.grammar.constants[0]
 
@@ -20,7 +24,11 @@ def test_a_plan_knows_the_environment_and_its_grammar():
     ("changes", "error", "told"),
     [
         ({"env": {"id": "NoSuchThing-v0"}}, EnvironmentFaultError, "NoSuchThing"),
-        ({"env": {"id": "Pendulum-v1", "features": (), "units": (), "actions": ()}}, EnvironmentFaultError, "Discrete"),
+        (
+            {"env": {"id": "Pendulum-v1", "features": (), "units": (), "actions": ()}},
+            EnvironmentFaultError,
+            "Discrete",
+        ),
         ({"env": {"features": ("x", "y"), "units": ("", "")}}, EnvironmentFaultError, "4 features"),
         ({"grammar": {"bnf": "\n<if> := nothing"}}, GrammarError, "line 2"),
         ({"grammar": {"bnf": BNF.replace("theta_dot", "omega")}}, GrammarError, "omega"),

@@ -63,7 +63,12 @@ class TestGenerationRecord:
 
     def test_where_nobody_has_a_tree_there_is_nothing_to_tell(self):
         record = generation_record(self.state(genotype_length=2), Events(), 0, 0.0)
-        nothing = (record.best_fitness, record.median_fitness, record.mean_fitness, record.best_decision_nodes)
+        nothing = (
+            record.best_fitness,
+            record.median_fitness,
+            record.mean_fitness,
+            record.best_decision_nodes,
+        )
         assert nothing == (None,) * 4
         assert record.best is None
 
@@ -86,7 +91,12 @@ class TestRefinementRecord:
         moved = moved_by(np.float32(0.5))(GOOD)
         record = self.record(proposal, moved, fitness_snapped=29.0)
         assert (record.generation, record.outcome, record.origin) == (4, IMPROVED, "individual")
-        assert (record.individual, record.chosen, record.redraws, record.fitness_before) == (7, "best", 2, 9.0)
+        assert (record.individual, record.chosen, record.redraws, record.fitness_before) == (
+            7,
+            "best",
+            2,
+            9.0,
+        )
         assert (record.return_before, record.return_after, record.return_snapped) == (20.0, 30.0, 29.0)
         assert (record.decision_nodes, record.parameters_moved, record.leaves_changed) == (2, 2, 0)
         assert record.largest_parameter_move == pytest.approx(0.5)
@@ -113,9 +123,7 @@ class TestRefinementRecord:
     def test_one_for_each_tree_that_the_refiner_refined_and_none_for_the_polish(self):
         backend = Analytic(lambda tree: float(tree.num_leaves))
         for refines, polishes, n_records in ((Answers(), Answers(), 2), (None, Answers(), 0)):
-            problem = problem_of(
-                backend, refines, polishes, refiner={"candidates": 2}, polish={"every": 2}
-            )
+            problem = problem_of(backend, refines, polishes, refiner={"candidates": 2}, polish={"every": 2})
             state, _ = first_state(problem)
             for _ in range(2):
                 state, events = step(problem, state)

@@ -57,3 +57,22 @@ def without_clock(path):
     """Return the records of a file without what the clock says."""
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     return [{key: value for key, value in line.items() if key not in CLOCK_FIELDS} for line in lines]
+
+
+def assert_same_bytes(one, two, but=("config.yaml",)):
+    """Assert that two folders hold the same run, clock aside."""
+    names = {path.relative_to(one) for path in one.rglob("*") if path.is_file()}
+    assert names == {path.relative_to(two) for path in two.rglob("*") if path.is_file()}
+    for name in names:
+        if name.suffix == ".jsonl":
+            assert without_clock(one / name) == without_clock(two / name), name
+        elif name.name == "summary.json":
+            assert still(one / name) == still(two / name)
+        elif name.name not in but:
+            assert (one / name).read_bytes() == (two / name).read_bytes(), name
+
+
+def still(path):
+    """Return a summary without what the clock says."""
+    values = json.loads(path.read_text())
+    return {key: value for key, value in values.items() if key not in CLOCK_FIELDS}
