@@ -9,7 +9,6 @@ import pytest
 import yaml
 from environments_for_tests import CountdownEnv
 from faulty_environments import LateNaNEnv, RaisingEnv
-from problems_for_tests import Noting
 from runs_for_tests import assert_same_bytes, config, run, without_clock
 from walks_for_tests import BNF, CountingWalkEnv, registered
 
@@ -40,19 +39,6 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "run"
     summary, output = run(config(), folder)
     return folder, summary, output
-
-
-@pytest.fixture
-def opened(monkeypatch):
-    """Let what a run opens go through a backend that counts by itself; return the list of them."""
-    backends = []
-
-    def noting(*args):
-        backends.append(Noting(open_backend(*args)))
-        return backends[-1]
-
-    monkeypatch.setattr(experiment, "open_backend", noting)
-    return backends
 
 
 class TestFolder:
@@ -172,8 +158,8 @@ class TestLedger:
                 refiner={"method": "cmaes", "schedule": {"every": 2}, "acceptance_episodes": 3, "min_nodes": 1},
                 polish={"max_timesteps": 2000, "every": 1, "episodes": 3},
                 archive={
-                    "keep": 3, "episodes": 5, "neighbours": 2, "neighbours_drawn": 5, "revisits": 1, "revisit_factor": 2,
-                    "migrants": 2, "final_keep": 1, "final_factor": 2,
+                    "keep": 3, "episodes": 5, "neighbours": 2, "neighbours_drawn": 5, "revisits": 1,
+                    "revisit_factor": 2, "migrants": 2, "final_keep": 1, "final_factor": 2,
                 },
             )  # fmt: skip
             summary, _ = run(settings, tmp_path / "run")
@@ -353,12 +339,12 @@ class TestOwnEnvironments:
     def test_a_fault_in_its_first_steps_names_it_and_leaves_no_folder(self, tmp_path):
         with (
             registered(RaisingEnv) as env,
-            pytest.raises(EnvironmentFaultError, match="the motor.*is on fire"),
+            pytest.raises(EnvironmentFaultError, match=r"the motor.*is on fire"),
         ):
             run(own(env), tmp_path / "run")
         assert not (tmp_path / "run").exists()
 
-    def test_a_fault_in_mid_run_names_it_and_keeps_the_best_tree(self, tmp_path, monkeypatch):
+    def test_a_fault_in_mid_run_names_it_and_keeps_the_best_tree(self, tmp_path):
         class Late(LateNaNEnv):
             """Observes NaN in the first test episode."""
 

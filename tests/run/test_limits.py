@@ -104,8 +104,8 @@ class TestSlowEnvironment:
 
     def test_steps_hold(self, tmp_path, slow, monkeypatch):
         monkeypatch.setattr(SlowWalkEnv, "seconds", 0.0)
-        ge = {"max_env_steps": 20_000, "population_size": 10}
+        ge = {"max_env_steps": 15_000, "population_size": 10}
         summary, _ = limited(tmp_path / "run", ge, slow, **self.FEW)
         assert summary.stopped_by == "max_env_steps"
-        assert 14_000 < summary.env_steps_total <= 22_000
+        assert 10_500 < summary.env_steps_total <= 16_500
         assert summary.refined > 0

@@ -157,11 +157,24 @@ class Noting:
         self._count(purpose, observed.shape[0] * observed.shape[1])
         return observed
 
+    def sampler(self, rngs):
+        return _NotedSampler(self._backend.sampler(rngs), self._count)
+
     def run_jobs(self, jobs):
         def noted(job, backend):
             return job(Noting(backend, self.counted, self._lock))
 
         return self._backend.run_jobs([partial(noted, job) for job in jobs])
+
+
+class _NotedSampler:
+    def __init__(self, sampler, count):
+        self._sampler, self._count = sampler, count
+
+    def sample(self, soft, n_steps, purpose):
+        samples = self._sampler.sample(soft, n_steps, purpose)
+        self._count(purpose, samples.actions.size)
+        return samples
 
 
 class Nudge:

@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from contextlib import contextmanager
+from typing import ClassVar
 
 import gymnasium as gym
 from environments_for_tests import WalkEnv
@@ -17,7 +18,7 @@ BNF = """
 class CountingWalkEnv(WalkEnv):
     """Counts all steps that are made in it."""
 
-    made = Counter()
+    made: ClassVar = Counter()
 
     def step(self, action):
         self.made["steps"] += 1
@@ -31,7 +32,7 @@ class SlowWalkEnv(CountingWalkEnv):
 
     def step(self, action):
         time.sleep(self.seconds)
-        observation, reward, terminated, *rest = super().step(action)
+        observation, reward, _, *rest = super().step(action)
         self.place = max(-4, min(4, self.place))
         return (observation, reward, False, *rest)
 
