@@ -56,6 +56,9 @@ class GymnasiumBackend(Accountable):
         workers: Number of processes; 0 means one for each core where that pays, 1 none but this one.
         ledger: Another's, where the steps are counted together; None for a new one.
 
+    Attributes:
+        workers: As given, for others who step the environment in processes of their own.
+
     Raises:
         EnvironmentFaultError: The environment breaks its word in its first few hundred steps.
     """
@@ -65,9 +68,9 @@ class GymnasiumBackend(Accountable):
     def __init__(self, spec: EnvironmentSpec, workers: int = 0, ledger: Ledger | None = None) -> None:
         super().__init__(ledger)
         self.spec = spec
+        self.workers = workers
         self._n_workers = workers or available_cores()
-        self._is_automatic = workers == 0
-        self._workers: Workers | None = None
+        self._pool: Workers | None = None
         self._runner = Runner(spec)
         one_process, self._likely_length = self._probe()
         self.steps_per_second = one_process * self._n_workers
@@ -187,9 +190,9 @@ class GymnasiumBackend(Accountable):
 
     def close(self) -> None:
         """Release processes and environments."""
-        if self._workers is not None:
-            self._workers.close()
-            self._workers = None
+        if self._pool is not None:
+            self._pool.close()
+            self._pool = None
         self._runner.close()
 
     def _alone(self, play: Callable[[], _Result]) -> _Result:
@@ -214,23 +217,23 @@ class GymnasiumBackend(Accountable):
 
     def _workers_for(self, n_jobs: int, likely_steps: float) -> Workers | None:
         """Return the worker processes where they pay, started if need be."""
-        if self._workers is not None and not self._workers.is_usable:
-            self._workers.close()
-            self._workers = None
+        if self._pool is not None and not self._pool.is_usable:
+            self._pool.close()
+            self._pool = None
         if self._n_workers == 1 or n_jobs < 2 * self._n_workers:
             return None
-        overhead = _SEND_SECONDS if self._workers is not None else _START_SECONDS
-        if self._is_automatic and likely_steps / self.steps_per_second * self._n_workers < 2 * overhead:
+        overhead = _SEND_SECONDS if self._pool is not None else _START_SECONDS
+        if self.workers == 0 and likely_steps / self.steps_per_second * self._n_workers < 2 * overhead:
             return None
-        if self._workers is None:
+        if self._pool is None:
             try:
-                self._workers = Workers(self.spec, self._n_workers)
+                self._pool = Workers(self.spec, self._n_workers)
             except EnvironmentFaultError as error:
-                if not self._is_automatic:
+                if self.workers > 0:
                     raise
                 _logger.warning("%s; running in this process alone.", error)
                 self._n_workers = 1
-        return self._workers
+        return self._pool
 
 
 def _play(runner: Runner, watch: Watch, forest: Forest, jobs: Jobs) -> tuple[Played, dict[int, float], bool]:

@@ -6,7 +6,6 @@ of the copies, and seeds, types and faults are those of the border.
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import itertools
 import math
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 from ge_torchrl.environments.backend import available_cores
 from ge_torchrl.environments.border import Border, Witness
 from ge_torchrl.environments.gymnasium_workers import portable, unpack
+from ge_torchrl.environments.shared_arrays import Arrays, Memory
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.seeding import episode_seeds
@@ -36,56 +36,16 @@ _SECONDS_WORTH_A_PROCESS = 0.5e-3
 # An environment is tried out for so long to know what its steps cost [s].
 _TRIAL_SECONDS = 0.02
 
+# Whether a process at the other end still lives is looked after this often [s].
+_WATCH_SECONDS = 1.0
+
 _STEP, _RESET, _CLOSE = b"s", b"r", b"c"
-
-
-class _Arrays(NamedTuple):
-    """What is read and written side by side, in memory that processes share; [n] or [n, D]."""
-
-    observations: NDArray[np.float32]
-    actions: NDArray[np.int64]
-    rewards: NDArray[np.float64]
-    terminated: NDArray[np.bool_]
-    truncated: NDArray[np.bool_]
-    seeds: NDArray[np.int64]
-    is_reset: NDArray[np.bool_]
-
-    def part(self, first: int, end: int) -> _Arrays:
-        return _Arrays._make(array[first:end] for array in self)
-
-
-class _Memory(NamedTuple):
-    """The memory under `_Arrays`, as it travels to another process."""
-
-    n: int
-    n_features: int
-    buffers: tuple[Any, ...]
-
-    @classmethod
-    def empty(cls, n: int, n_features: int) -> _Memory:
-        sizes = {"observations": n * n_features}
-        types = (
-            ctypes.c_float,
-            ctypes.c_int64,
-            ctypes.c_double,
-            ctypes.c_bool,
-            ctypes.c_bool,
-            ctypes.c_int64,
-            ctypes.c_bool,
-        )
-        context = multiprocessing.get_context("spawn")
-        fields = zip(_Arrays._fields, types, strict=True)
-        return cls(n, n_features, tuple(context.RawArray(kind, sizes.get(name, n)) for name, kind in fields))
-
-    def arrays(self) -> _Arrays:
-        flat = [np.frombuffer(buffer, np.dtype(buffer._type_)) for buffer in self.buffers]
-        return _Arrays(flat[0].reshape(self.n, self.n_features), *flat[1:])
 
 
 class _Copies:
     """Copies of the environment in one process."""
 
-    def __init__(self, spec: EnvironmentSpec, arrays: _Arrays) -> None:
+    def __init__(self, spec: EnvironmentSpec, arrays: Arrays) -> None:
         witness = Witness(spec)
         self._borders = [Border(spec, witness) for _ in arrays.actions]
         self._arrays = arrays
@@ -141,7 +101,7 @@ class VectorEnvironment(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int
         self.observation_space = gym.vector.utils.batch_space(box, n)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, n)
         self._rngs = list(rngs)
-        memory = _Memory.empty(n, spec.n_features)
+        memory = Memory.empty(n, spec.n_features)
         self._arrays = memory.arrays()
         n_processes = min(workers or _paying_processes(spec, n), n)
         edges = np.linspace(0, n, n_processes + 1).astype(int).tolist()
@@ -210,31 +170,55 @@ class VectorEnvironment(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int
         self._copies.close()
 
 
+class _Line(NamedTuple):
+    """Orders to another process, and word that they are done; semaphores are four times as quick as a pipe.
+
+    Attributes:
+        order: What to do.
+        is_fault: Not 0 where it could not be done: then the reason is in the pipe.
+        begun: Released with an order.
+        ended: Released when it is done.
+        pipe: For faults alone; the end of this process.
+    """
+
+    order: Any
+    is_fault: Any
+    begun: Any
+    ended: Any
+    pipe: Connection
+
+
 class _Other:
     """Another process with some of the copies."""
 
-    def __init__(self, spec: EnvironmentSpec, memory: _Memory, first: int, end: int) -> None:
+    def __init__(self, spec: EnvironmentSpec, memory: Memory, first: int, end: int) -> None:
         context = multiprocessing.get_context("spawn")
         self._id = spec.id
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_serve, args=(portable(spec), memory, first, end, theirs), daemon=True
+        ours, theirs = context.Pipe(duplex=False)
+        self._line = _Line(
+            context.RawValue(ctypes.c_char, _STEP),
+            context.RawValue(ctypes.c_bool, False),
+            context.Semaphore(0),
+            context.Semaphore(0),
+            ours,
         )
+        arguments = (portable(spec), memory, first, end, self._line._replace(pipe=theirs))
+        self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
         theirs.close()
 
     def begin(self, order: bytes) -> None:
-        with contextlib.suppress(BrokenPipeError):
-            self._connection.send_bytes(order)
+        self._line.order.value = order
+        self._line.begun.release()
 
     def end(self) -> Exception | None:
-        try:
-            fault: Exception | None = self._connection.recv()
-        except (EOFError, ConnectionResetError):
-            return EnvironmentFaultError(
-                f"a worker process of env.id={self._id} died; env.workers=1 runs the environment in this process, "
-                f"where its last words can be read"
-            )
+        while not self._line.ended.acquire(timeout=_WATCH_SECONDS):
+            if not self._process.is_alive():
+                return EnvironmentFaultError(
+                    f"a worker process of env.id={self._id} died; env.workers=1 runs the environment in this process, "
+                    f"where its last words can be read"
+                )
+        fault: Exception | None = self._line.pipe.recv() if self._line.is_fault.value else None
         return fault
 
     def close(self) -> None:
@@ -243,24 +227,30 @@ class _Other:
         if self._process.is_alive():
             self._process.terminate()
             self._process.join()
-        self._connection.close()
+        self._line.pipe.close()
 
 
-def _serve(sent: bytes, memory: _Memory, first: int, end: int, connection: Connection) -> None:
-    # Ctrl-C is for the calling process; where that is gone, the connection ends, and so does this.
+def _serve(sent: bytes, memory: Memory, first: int, end: int, line: _Line) -> None:
+    # Ctrl-C is for the calling process; where that is gone, this one ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
     copies: _Copies | None = None
-    with contextlib.suppress(EOFError, BrokenPipeError):
-        while (order := connection.recv_bytes()) != _CLOSE:
-            fault: Exception | None = None
-            try:
-                # Made with the first order, so that its faults reach the caller.
-                if copies is None:
-                    copies = _Copies(unpack(sent), memory.arrays().part(first, end))
-                copies.step() if order == _STEP else copies.reset()
-            except EnvironmentFaultError as error:
-                fault = error
-            connection.send(fault)
+    while True:
+        while not line.begun.acquire(timeout=_WATCH_SECONDS):
+            if parent is None or not parent.is_alive():
+                return
+        if line.order.value == _CLOSE:
+            break
+        line.is_fault.value = False
+        try:
+            # Made with the first order, so that its faults reach the caller.
+            if copies is None:
+                copies = _Copies(unpack(sent), memory.arrays().part(first, end))
+            copies.step() if line.order.value == _STEP else copies.reset()
+        except EnvironmentFaultError as error:
+            line.is_fault.value = True
+            line.pipe.send(error)
+        line.ended.release()
     if copies is not None:
         copies.close()
 
@@ -276,4 +266,8 @@ def _paying_processes(spec: EnvironmentSpec, n: int) -> int:
         ended = terminated or truncated
         steps += 1
     border.close()
+    try:
+        portable(spec)
+    except EnvironmentFaultError:
+        return 1
     return max(1, min(available_cores(), int(n * elapsed / steps / _SECONDS_WORTH_A_PROCESS)))

@@ -155,3 +155,8 @@ def test_processes_are_started_where_steps_are_dear(monkeypatch):
     assert vector_env._paying_processes(cheap, 16) == 1
     assert vector_env._paying_processes(dear, 16) == 4
     assert vector_env._paying_processes(dear, 1) > 1
+
+    class LocalEnv(faulty.SlowStepEnv):
+        """Cannot be sent to another process."""
+
+    assert vector_env._paying_processes(describe(register(LocalEnv)), 16) == 1
