@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from ge_torchrl import __version__
@@ -19,7 +20,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.errors import GrammarError, RunFaultError, UserError
-from ge_torchrl.refiners.protocol import Refiner
+from ge_torchrl.refiners.protocol import FIRST, Effort, Refined, Refiner
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.run.allowance import Allowance, Phase
 from ge_torchrl.run.closing import closing_text
@@ -46,6 +47,7 @@ from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.state import Events, SearchState
 from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.tree import DecisionTree
 
 _TESTING = "Testing what was found; Ctrl-C again leaves it untested in the run folder."
 
@@ -130,7 +132,7 @@ class _Run:
             stopped_by = self.search.run()
         except LimitReachedError as limit:
             raise UserError(
-                f"ge.{limit.reason} must leave time for the first generation, which needs more; nothing was found"
+                f"ge.{limit.reason} must leave room for a first tree, which needs more"
             ) from limit
         state = self._last_state()
         contenders = contenders_of(self.problem, state)
@@ -240,7 +242,7 @@ class _Run:
 
 
 def _refiners(config: Config, backend: Backend) -> tuple[Refiner | None, Refiner | None]:
-    """Return the refiner and the polisher of a configuration; torch is imported only where PPO is asked for."""
+    """Return the refiner and the polisher of a configuration."""
     from ge_torchrl.refiners.local_search import LocalSearch
 
     polisher = LocalSearch(backend, config.polish, "polish") if config.polish.enabled else None
@@ -248,9 +250,25 @@ def _refiners(config: Config, backend: Backend) -> tuple[Refiner | None, Refiner
         return None, polisher
     if config.refiner.method == "cmaes":
         return LocalSearch(backend, config.polish, "refinement"), polisher
-    from ge_torchrl.refiners.rl.refiner import PPORefiner
+    return _PPO(backend, config), polisher
 
-    return PPORefiner(backend, config.refiner.ppo, "refinement"), polisher
+
+class _PPO:
+    """Refines by PPO. Torch, which takes seconds, is loaded for the first tree: the first generations do not wait."""
+
+    def __init__(self, backend: Backend, config: Config) -> None:
+        self._backend, self._config = backend, config
+        self._loaded: Refiner | None = None
+
+    def refine(
+        self, trees: Sequence[DecisionTree], rngs: Sequence[np.random.Generator], effort: Effort = FIRST
+    ) -> list[Refined]:
+        """Refine trees; see `Refiner`."""
+        if self._loaded is None:
+            from ge_torchrl.refiners.rl.refiner import PPORefiner
+
+            self._loaded = PPORefiner(self._backend, self._config.refiner.ppo, "refinement")
+        return self._loaded.refine(trees, rngs, effort)
 
 
 @contextmanager

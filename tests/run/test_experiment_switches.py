@@ -196,15 +196,19 @@ class TestExploring:
             assert abs(steps - steps.round()).max() < 1e-4
 
 
-def test_a_run_without_ppo_loads_no_torch(tmp_path):
+def test_torch_is_loaded_for_the_first_tree_that_ppo_refines(tmp_path):
     """Nobody pays for what was not asked for."""
     code = f"""
-import sys
 from runs_for_tests import config, run
 from pathlib import Path
-small = {{"generations": 3, "population_size": 10}}
-refiner = {{"method": "cmaes", "schedule": {{"every": 1}}, "measuring_episodes": 5, "acceptance_episodes": 5}}
-run(config(ge=small, refiner=refiner, polish={{"every": 1, "max_timesteps": 2000}}), Path({str(tmp_path)!r}) / "run")
+refiner = {{"measuring_episodes": 5, "acceptance_episodes": 5}}
+for method, every in (("cmaes", 1), ("ppo", 3)):
+    settings = config(
+        ge={{"generations": 3, "population_size": 10}},
+        refiner={{**refiner, "method": method, "schedule": {{"every": every}}}},
+        polish={{"every": 1, "max_timesteps": 2000}},
+    )
+    run(settings, Path({str(tmp_path)!r}) / method)
 sys.exit("torch" in sys.modules)
 """
     path = next(entry for entry in sys.path if entry.endswith("support"))
