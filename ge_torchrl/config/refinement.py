@@ -12,11 +12,12 @@ class ScheduleConfig(Section):
 
     SECTION: ClassVar[str] = "refiner.schedule"
 
-    every: int | None = setting(
-        5,
-        at_least=1,
-        because="it counts generations",
-        doc="After every so many generations, counted from 0 and not in generation 0; null: none.",
+    every: int = setting(
+        10,
+        at_least=0,
+        because="it counts generations; 0 leaves it to refiner.schedule.generations",
+        dear=3,
+        doc="After every so many generations, counted from 0 and not in generation 0; 0: none.",
     )
     generations: tuple[int, ...] = setting(
         (),
@@ -190,7 +191,7 @@ class PolishConfig(Section):
 
     def applies_to(self, generation: int) -> bool:
         """Tell whether trees are polished in this generation."""
-        return _is_due(self.every or None, generation)
+        return _is_due(self.every, generation)
 
 
 @dataclass(frozen=True)
@@ -262,5 +263,5 @@ class RefinerConfig(Section):
         return self.method != "none"
 
 
-def _is_due(every: int | None, generation: int) -> bool:
-    return every is not None and generation > 0 and generation % every == 0
+def _is_due(every: int, generation: int) -> bool:
+    return every > 0 and generation > 0 and generation % every == 0

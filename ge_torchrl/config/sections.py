@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from ge_torchrl.config.setting import Section, probability, setting
 
+_POPULATION_SIZE = 200
 _MOST_CODONS = (8 << 30) // 4
 
 
@@ -78,7 +79,11 @@ class GEConfig(Section):
     SECTION: ClassVar[str] = "ge"
 
     population_size: int = setting(
-        200, at_least=2, because="selection compares individuals", doc="Individuals in a generation, `P`."
+        _POPULATION_SIZE,
+        at_least=2,
+        because="selection compares individuals",
+        dear=60,
+        doc="Individuals in a generation, `P`.",
     )
     generations: int = setting(
         50,
@@ -126,23 +131,25 @@ class GEConfig(Section):
 
     def check_together(self) -> None:
         """Refuse tournaments of more than everybody, and populations that fit into no memory."""
-        if self.tournament_size > self.population_size:
+        # Left open, it is never more than this.
+        population_size = self.population_size or _POPULATION_SIZE
+        if self.tournament_size > population_size:
             self.refuse(
                 "tournament_size",
-                f"at most ge.population_size, {self.population_size}",
+                f"at most ge.population_size, {population_size}",
                 "a tournament draws from the population",
-                self.population_size,
+                population_size,
             )
-        n_codons = self.population_size * self.genotype_length
+        n_codons = population_size * self.genotype_length
         if n_codons > _MOST_CODONS:
             # Whichever is the larger of the two is the one that was meant to be smaller.
             large, other = "population_size", "genotype_length"
-            if self.genotype_length > self.population_size:
+            if self.genotype_length > population_size:
                 large, other = other, large
-            at_most = _MOST_CODONS // getattr(self, other)
+            at_most = _MOST_CODONS // (getattr(self, other) or population_size)
             self.refuse(
                 large,
-                f"at most {at_most} with ge.{other}={getattr(self, other)}",
+                f"at most {at_most} with ge.{other}={getattr(self, other) or population_size}",
                 f"the codons of a population take 4 bytes each, here {n_codons * 4 / (1 << 30):.0f} GiB, and 8 GiB are "
                 "allowed",
                 at_most,
@@ -159,7 +166,7 @@ class EvaluationConfig(Section):
         20,
         at_least=1,
         because="fitness is a mean over episodes",
-        dear=8,
+        dear=5,
         doc="Episodes whose mean return is an individual's fitness.",
     )
     episode_seeds: str = setting(

@@ -27,7 +27,7 @@ def test_schedules_of_the_thesis_apply_four_three_and_four_times():
     assert applications(ScheduleConfig(every=40), 200) == [40, 80, 120, 160]
     assert applications(ScheduleConfig(every=15), 50) == [15, 30, 45]
     assert applications(ScheduleConfig(generations=(50, 100, 400, 800)), 1000) == [50, 100, 400, 800]
-    assert applications(ScheduleConfig(every=None), 100) == []
+    assert applications(ScheduleConfig(every=0), 100) == []
     assert applications(ScheduleConfig(every=1), 3) == [1, 2], "generation 0 is random"
     assert applications(ScheduleConfig(every=5, generations=(7,)), 20) == [7], "a list has the last word"
 
