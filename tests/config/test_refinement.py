@@ -9,7 +9,8 @@ from ge_torchrl.errors import ConfigError
 def test_ppo_refines_and_local_search_polishes_where_nothing_is_said():
     config = Config.from_mapping(VALUES)
     assert config.refiner.enabled
-    assert (config.refiner.method, config.refiner.schedule.every) == ("ppo", 5)
+    assert (config.refiner.method, config.resolved(1e8).refiner.schedule.every) == ("ppo", 10)
+    assert config.resolved(1e4).refiner.schedule.every == 3, "where steps are dear a run has few generations"
     assert config.polish.enabled
     assert not Config.from_mapping({**VALUES, "refiner": {"method": "none"}}).refiner.enabled
     assert not PolishConfig(every=0).enabled
@@ -35,7 +36,7 @@ def test_schedules_of_the_thesis_apply_four_three_and_four_times():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"schedule": {"every": 0}}, "refiner.schedule.every must be an integer of at least 1"),
+        ({"schedule": {"every": -1}}, "refiner.schedule.every must be an integer of at least 0"),
         (
             {"schedule": {"generations": [0]}},
             "refiner.schedule.generations must be a list of integers of at least 1",
@@ -64,7 +65,8 @@ def test_settings_of_ppo_are_checked(values, message):
 
 def test_a_schedule_survives_the_way_through_yaml():
     config = Config.from_mapping({**VALUES, "refiner": {"schedule": {"generations": [50, 100]}}})
-    assert config.refiner.schedule == ScheduleConfig(generations=(50, 100))
+    assert config.refiner.schedule.generations == (50, 100)
+    assert Config.from_mapping(config.as_mapping()) == config
     assert Config.from_mapping(yaml.safe_load(yaml.safe_dump(config.as_mapping()))) == config
 
 
