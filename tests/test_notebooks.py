@@ -1,38 +1,17 @@
 import ast
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from records_for_tests import history, kept, proposal, refinement
+from sweeps_for_tests import write_run
 
-from ge_torchrl import experiment
 from ge_torchrl.__main__ import main
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 ONE_RUN, SWEEP = (NOTEBOOKS / name for name in ("01_one_run.ipynb", "02_a_sweep.ipynb"))
-SMALL = [
-    "experiment=thesis/cartpole",
-    "refiner=thesis,none",
-    "seed=0,1",
-    "ge.population_size=20",
-    "ge.generations=4",
-    "refiner.schedule.every=2",
-    "refiner.ppo.max_timesteps=200",
-    "refiner.ppo.update_timesteps=100",
-    "refiner.ppo.epochs=2",
-    "refiner.ppo.source=fused",
-    "evaluation.validation_episodes=5",
-    "evaluation.test_episodes=5",
-]
-
-
-@pytest.fixture(scope="module")
-def sweep(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("sweep")
-    assert main(["-m", *SMALL, f"hydra.sweep.dir={folder}"]) == 0
-    return folder
 
 
 def executed(path, monkeypatch, **variables):
@@ -47,19 +26,38 @@ def executed(path, monkeypatch, **variables):
     return "\n".join(texts), sum("image/svg+xml" in data for data in shown)
 
 
-def test_one_run_is_told(sweep, monkeypatch):
-    run = next(path.parent for path in sorted(sweep.rglob("refinements.jsonl")))
+def test_one_run_is_told(tmp_path, monkeypatch):
+    run = write_run(
+        tmp_path / "run",
+        "GE+PPO+polish",
+        refinements=[refinement(5), proposal(5, again=120.0)],
+        archive=[kept(2, 480.0), kept(3, 490.0)],
+        champion_from="polish",
+    )
     text, figures = executed(ONE_RUN, monkeypatch, GE_TORCHRL_RUN=run)
-    assert "| method | GE+PPO |" in text
-    assert "**CartPole-v1 GE+PPO** (5 test episodes" in text
+    assert "| method | GE+PPO+polish |" in text
+    assert "| 5 | neighbour | 3 | improved | 120.00 | 480.00 |" in text
+    assert "| 2 | 480.00 ± 1.50 |" in text
+    assert "The champion comes from the polish." in text
     assert "Cost: " in text
     assert figures == 2
 
 
-def test_a_sweep_is_told(sweep, monkeypatch):
-    text, figures = executed(SWEEP, monkeypatch, GE_TORCHRL_SWEEP=sweep)
-    assert "| CartPole-v1 GE+PPO | 2 |" in text
-    assert "| seed | GE+PPO | GE alone | ratio |" in text
+def test_a_run_of_grammatical_evolution_alone_is_told(tmp_path, monkeypatch):
+    text, figures = executed(ONE_RUN, monkeypatch, GE_TORCHRL_RUN=write_run(tmp_path / "run"))
+    assert "No tree was refined in this run." in text
+    assert "This run kept no archive." in text
+    assert figures == 2
+
+
+def test_a_sweep_is_told(tmp_path, monkeypatch):
+    for seed in (0, 1):
+        write_run(tmp_path / f"ppo{seed}", "thesis", seed=seed, refinements=[refinement(1)])
+        alone = history([100.0, 200.0, 500.0])
+        write_run(tmp_path / f"ge{seed}", "GE", seed=seed, generations=alone)
+    text, figures = executed(SWEEP, monkeypatch, GE_TORCHRL_SWEEP=tmp_path)
+    assert "| CartPole-v1 thesis | 2 |" in text
+    assert "| seed | thesis | GE alone | ratio |" in text
     assert figures == 1 + 2 + 2
     assert Path(text.strip().splitlines()[-1]).is_file(), "the last cell says where the report is"
 
@@ -72,19 +70,14 @@ def test_notebooks_are_stored_without_outputs(path):
 
 
 @pytest.mark.parametrize(
-    ("path", "flags", "runs"), [(ONE_RUN, [], 1), (SWEEP, ["-m"], 6)], ids=["one_run", "a_sweep"]
+    ("path", "flags", "runs", "steps"),
+    [(ONE_RUN, [], 1, 4000), (SWEEP, ["-m"], 6, 2000)],
+    ids=["one_run", "a_sweep"],
 )
-def test_the_examples_of_the_notebooks_can_be_run(path, flags, runs, tmp_path, monkeypatch):
+def test_the_examples_of_the_notebooks_can_be_run(path, flags, runs, steps, experiment):
     first = next(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code")
     example = ast.literal_eval(re.search(r"EXAMPLE = (\[.*?\])", first, flags=re.DOTALL)[1])
-    configs = []
-
-    def run(config, _):
-        configs.append(config)
-        return SimpleNamespace(stopped_by="generations")
-
-    monkeypatch.setattr(experiment, "run", run)
-    monkeypatch.chdir(tmp_path)
     assert main([*flags, *example]) == 0
+    configs = [config for config, _ in experiment.runs]
     assert len(configs) == runs
-    assert {config.refiner.ppo.max_timesteps for config in configs if config.refiner.enabled} == {2000}
+    assert {config.refiner.ppo.max_timesteps for config in configs if config.refiner.enabled} == {steps}
