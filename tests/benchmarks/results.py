@@ -1,7 +1,7 @@
-"""The tables of docs/results.md, from finished runs: the command above each table makes its runs, this one the table.
+"""The tables of docs/results.md and README.md, from finished runs; the commands above the tables make the runs.
 
     python tests/benchmarks/results.py default             # print the tables of the default
-    python tests/benchmarks/results.py default --write     # put them between their marks in docs/results.md
+    python tests/benchmarks/results.py default --write     # put them between their marks in these pages
 
 A mark is a line such as `<!-- TABLE default -->`; everything up to `<!-- END default -->` is replaced.
 """
@@ -31,7 +31,7 @@ from ge_torchrl.report.thesis.pairs import comparison_text, pair_by_seed
 from ge_torchrl.report.thesis.solving import env_steps_of, paired_ratio
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-RESULTS = DOCS / "results.md"
+PAGES = (DOCS / "results.md", DOCS.parent / "README.md")
 ENVIRONMENTS = {"cartpole": "CartPole-v1", "acrobot": "Acrobot-v1", "mountaincar": "MountainCar-v0"}
 EPISODES, FIRST_SEED = 10_000, 1_000_000
 # The best known means of trees with 1, 2, ... decision nodes, by half an hour of brute force.
@@ -58,6 +58,7 @@ def default_tables(folder: Path) -> Iterator[tuple[str, str]]:
         for method in evaluate_runs(folder / "default" / name, EPISODES, FIRST_SEED).methods
     ]
     yield "default", _in_short(methods).markdown()
+    yield "summary", _without(_in_short(methods), "worst run", "seconds a run, median").markdown()
     yield "default-sizes", _by_size(methods).markdown()
     yield "default-seeds", _by_seed(methods).markdown()
     runs = [run for name in ENVIRONMENTS for run in read_runs(folder / "default" / name).runs]
@@ -149,6 +150,11 @@ def _in_short(methods: Iterable[EvaluatedMethod]) -> Table:
         yield f"{np.median([run.row.wall_seconds for run in method.runs]):.0f}"
 
     return Table.of(head, map(row, methods))
+
+
+def _without(table: Table, *titles: str) -> Table:
+    kept = [n for n, title in enumerate(table.head) if title not in titles]
+    return Table.of((table.head[n] for n in kept), ((row[n] for n in kept) for row in table.rows))
 
 
 def _by_size(methods: Iterable[EvaluatedMethod]) -> Table:
@@ -265,29 +271,31 @@ TABLES = {
 }
 
 
-def with_table(page: str, name: str, text: str) -> str:
-    """The page with a text between the marks of a table."""
+def write(name: str, text: str) -> None:
+    """Put a text between the marks of a table, in the page that has them."""
     pattern = re.compile(rf"(<!-- TABLE {name} -->\n).*?(<!-- END {name} -->)", flags=re.DOTALL)
-    if len(pattern.findall(page)) != 1:
-        raise ValueError(f"{RESULTS} must have the marks of {name} once")
-    return pattern.sub(lambda found: f"{found[1]}\n{text}\n\n{found[2]}", page)
+    for path in PAGES:
+        page = path.read_text(encoding="utf-8")
+        if pattern.search(page):
+            written = pattern.sub(lambda found: f"{found[1]}\n{text}\n\n{found[2]}", page)
+            path.write_text(written, encoding="utf-8")
+            return
+    raise ValueError(f"a page must have the marks of {name}")
 
 
 def main(arguments: list[str]) -> None:
-    parser = argparse.ArgumentParser(description="Make tables of docs/results.md from finished runs.")
+    parser = argparse.ArgumentParser(description="Make tables of the pages from finished runs.")
     parser.add_argument("names", nargs="+", choices=TABLES, metavar="NAME", help=", ".join(TABLES))
     parser.add_argument(
         "--folder", type=Path, default=Path("multirun"), help="of the runs; default: multirun"
     )
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/results.md")
+    parser.add_argument("--write", action="store_true", help="put the tables into their pages")
     options = parser.parse_args(arguments)
     for name in options.names:
         for mark, text in TABLES[name](options.folder):
             print(f"\n{mark}\n\n{text}")
             if options.write:
-                RESULTS.write_text(
-                    with_table(RESULTS.read_text(encoding="utf-8"), mark, text), encoding="utf-8"
-                )
+                write(mark, text)
 
 
 if __name__ == "__main__":
