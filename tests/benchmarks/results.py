@@ -50,7 +50,7 @@ SHOWN = {"CartPole-v1": (2, 3), "Acrobot-v1": (3, 5, 8), "MountainCar-v0": (3, 4
 ORIGINS = {"individual": "individuals", "neighbour": "neighbours", "archive": "kept trees"}
 
 
-def default_tables(folder: Path) -> Iterator[tuple[str, str]]:
+def default_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
     """The default: in short, by size, by seed, and what PPO and the polish did in these runs."""
     methods = [
         method
@@ -65,13 +65,13 @@ def default_tables(folder: Path) -> Iterator[tuple[str, str]]:
     yield "default-refinements", _refinements(runs).markdown()
 
 
-def rates_tables(folder: Path) -> Iterator[tuple[str, str]]:
+def rates_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
     """Refinements of individuals, before and after on the same fresh episodes."""
     runs = [run for name in ENVIRONMENTS for run in read_runs(folder / "rates" / name).runs]
     yield "rates", _refinements(runs).markdown()
 
 
-def solving_tables(folder: Path) -> Iterator[tuple[str, str]]:
+def solving_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
     """Generations and environment steps to the threshold, against GE alone."""
     head = (
         "method",
@@ -90,7 +90,7 @@ def solving_tables(folder: Path) -> Iterator[tuple[str, str]]:
     yield "solving", Table.of(head, rows).markdown()
 
 
-def thesis_tables(folder: Path) -> Iterator[tuple[str, str]]:
+def thesis_tables(folder: Path, figures: Path) -> Iterator[tuple[str, str]]:
     """Ten seeds beside the thesis' tables, what PPO did in them, and thirty pairs; and the figures."""
     for name, environment in ENVIRONMENTS.items():
         rng = np.random.default_rng(0)
@@ -107,13 +107,13 @@ def thesis_tables(folder: Path) -> Iterator[tuple[str, str]]:
             parts.append(comparison_text(pairs, solved_at, rng).partition("\n\n")[2])
         histories = {found[0].method: [run.history for run in found] for found in by_method(every)}
         figure = convergence_figure(histories, rng, title=environment, solved_at=solved_at)
-        png = save_figure(figure, DOCS / "figures" / f"{name}-fitness")[1]
-        png.with_suffix(".svg").unlink()
+        svg, png = save_figure(figure, figures / f"{name}-fitness")
+        svg.unlink()
         parts.append(f"![Mean best fitness over generations](figures/{png.name})")
         yield f"thesis-{name}", "\n\n".join(parts)
 
 
-def published_tables(_: Path) -> Iterator[tuple[str, str]]:
+def published_tables(_folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
     """The trees printed in the thesis, on both routes."""
     said = {"cartpole": 499.8, "acrobot": -113.89, "mountaincar": -107.89}
     rows = []
@@ -289,10 +289,11 @@ def main(arguments: list[str]) -> None:
     parser.add_argument(
         "--folder", type=Path, default=Path("multirun"), help="of the runs; default: multirun"
     )
+    parser.add_argument("--figures", type=Path, default=DOCS / "figures", help="where figures go")
     parser.add_argument("--write", action="store_true", help="put the tables into their pages")
     options = parser.parse_args(arguments)
     for name in options.names:
-        for mark, text in TABLES[name](options.folder):
+        for mark, text in TABLES[name](options.folder, options.figures):
             print(f"\n{mark}\n\n{text}")
             if options.write:
                 write(mark, text)

@@ -1,0 +1,121 @@
+"""Every command, setting and file that the documentation names is there."""
+
+import re
+import tomllib
+
+import pytest
+from pages_for_tests import (
+    OF_AN_EARLIER_VERSION,
+    PAGES,
+    ROOT,
+    TODAYS_PAGES,
+    blocks,
+    commands,
+    inline_codes,
+    links,
+)
+
+from ge_torchrl import __main__ as command_line
+from ge_torchrl.cli import VERBS
+from ge_torchrl.config import check_key
+from ge_torchrl.errors import UserError
+from ge_torchrl.report import runs
+
+SECTIONS = ("env", "grammar", "ge", "evaluation", "refiner", "polish", "archive")
+KEY = re.compile(rf"(?:{'|'.join(SECTIONS)})\.[a-z_.]+")
+OVERRIDES = re.compile(r"[a-z_.]+=[^ |*]+(?: [a-z_.]+=[^ |*]+)*")
+PATH = re.compile(r"(?:docs|tests|conf|notebooks|ge_torchrl)/[\w./-]+")
+
+COMMANDS = [command for path in TODAYS_PAGES for command in commands(path)]
+OURS = sorted({command.arguments for command in COMMANDS if command.arguments is not None})
+ids = " ".join
+
+
+def page_id(path):
+    return path.stem
+
+
+@pytest.fixture
+def own_environment(tmp_path):
+    """The file of README's own environment, where its command looks for it."""
+    (tmp_path / "my_conf" / "env").mkdir(parents=True)
+    (text,) = blocks(ROOT / "README.md", "yaml")
+    (tmp_path / "my_conf" / "env" / "pendulum_switch.yaml").write_text(text)
+
+
+def test_the_pages_print_commands():
+    assert len(OURS) > 30
+    assert {arguments[0] for arguments in OURS} > set(VERBS)
+
+
+@pytest.mark.usefixtures("experiment", "own_environment")
+@pytest.mark.parametrize("arguments", [words for words in OURS if words[0] not in VERBS], ids=ids)
+def test_a_run_that_is_printed_composes(arguments):
+    # One seed composes as a hundred do, a hundred times as fast.
+    few = [re.sub(r"range\((\d+),\d+\)", r"\1", word).replace("NAME", "cartpole") for word in arguments]
+    command_line._prepare_hydra()
+    command_line._check(command_line._parse(few))
+
+
+@pytest.mark.parametrize("arguments", [words for words in OURS if words[0] in VERBS], ids=ids)
+def test_a_verb_that_is_printed_takes_its_arguments(arguments, experiment, monkeypatch, capsys):
+    def stop(*_):
+        raise UserError("the arguments were read")
+
+    monkeypatch.setattr(runs, "gather_runs", stop)
+    status = command_line.main(arguments)
+    assert experiment.evaluated or (status == 2 and "the arguments were read" in capsys.readouterr().err)
+    for word in arguments:
+        if word.startswith("docs/"):
+            assert (ROOT / word).is_file(), word
+
+
+def test_programs_that_are_called_are_there():
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
+    for page, words in COMMANDS:
+        if words[0] == "make":
+            assert words[1] in targets, f"{page}: make {words[1]}"
+        elif words[0] == "python" and words[1] != "-m":
+            assert (ROOT / words[1]).is_file(), f"{page}: {words[1]}"
+
+
+def test_extras_that_are_named_are_there():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    named = {name for path in TODAYS_PAGES for name in re.findall(r"install .*\[(\w+)\]", path.read_text())}
+    assert named
+    assert named <= extras.keys()
+
+
+@pytest.mark.parametrize("path", TODAYS_PAGES, ids=page_id)
+def test_settings_that_are_named_are_there(path):
+    for code in inline_codes(path):
+        if (key := KEY.match(code)) and not code.startswith("archive.jsonl"):
+            check_key(key[0])
+
+
+@pytest.mark.usefixtures("experiment")
+@pytest.mark.parametrize(
+    "overrides",
+    sorted({code for path in TODAYS_PAGES for code in inline_codes(path) if OVERRIDES.fullmatch(code)}),
+)
+def test_values_that_are_named_compose(overrides):
+    command_line._prepare_hydra()
+    command_line._check(command_line._parse([word.replace("'", "") for word in overrides.split()]))
+
+
+@pytest.mark.parametrize("path", PAGES, ids=page_id)
+def test_links_lead_somewhere(path):
+    for target in links(path):
+        assert (path.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("path", TODAYS_PAGES, ids=page_id)
+def test_files_that_are_named_are_there(path):
+    for code in inline_codes(path):
+        if PATH.fullmatch(code):
+            assert (ROOT / code.replace("NAME", "cartpole")).exists(), code
+
+
+def test_the_page_of_an_earlier_version_says_so_first():
+    lines = OF_AN_EARLIER_VERSION.read_text().splitlines()
+    assert re.search(r"former versions of the program, up to commit `[0-9a-f]{7}`", lines[2])
