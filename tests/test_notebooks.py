@@ -8,7 +8,7 @@ from nbclient import NotebookClient
 from records_for_tests import history, kept, proposal, refinement
 from sweeps_for_tests import write_run
 
-from ge_torchrl.__main__ import main
+from ge_torchrl import __main__ as command_line
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 ONE_RUN, SWEEP = (NOTEBOOKS / name for name in ("01_one_run.ipynb", "02_a_sweep.ipynb"))
@@ -43,13 +43,6 @@ def test_one_run_is_told(tmp_path, monkeypatch):
     assert figures == 2
 
 
-def test_a_run_of_grammatical_evolution_alone_is_told(tmp_path, monkeypatch):
-    text, figures = executed(ONE_RUN, monkeypatch, GE_TORCHRL_RUN=write_run(tmp_path / "run"))
-    assert "No tree was refined in this run." in text
-    assert "This run kept no archive." in text
-    assert figures == 2
-
-
 def test_a_sweep_is_told(tmp_path, monkeypatch):
     for seed in (0, 1):
         write_run(tmp_path / f"ppo{seed}", "thesis", seed=seed, refinements=[refinement(1)])
@@ -69,15 +62,10 @@ def test_notebooks_are_stored_without_outputs(path):
             assert (cell.outputs, cell.execution_count) == ([], None)
 
 
-@pytest.mark.parametrize(
-    ("path", "flags", "runs", "steps"),
-    [(ONE_RUN, [], 1, 4000), (SWEEP, ["-m"], 6, 2000)],
-    ids=["one_run", "a_sweep"],
-)
-def test_the_examples_of_the_notebooks_can_be_run(path, flags, runs, steps, experiment):
+@pytest.mark.usefixtures("experiment")
+@pytest.mark.parametrize(("path", "flags"), [(ONE_RUN, []), (SWEEP, ["-m"])], ids=["one_run", "a_sweep"])
+def test_the_examples_of_the_notebooks_compose(path, flags):
     first = next(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code")
     example = ast.literal_eval(re.search(r"EXAMPLE = (\[.*?\])", first, flags=re.DOTALL)[1])
-    assert main([*flags, *example]) == 0
-    configs = [config for config, _ in experiment.runs]
-    assert len(configs) == runs
-    assert {config.refiner.ppo.max_timesteps for config in configs if config.refiner.enabled} == {steps}
+    command_line._prepare_hydra()
+    command_line._check(command_line._parse([*flags, *example]))

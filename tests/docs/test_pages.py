@@ -69,23 +69,19 @@ def test_python_of_the_readme_runs():
     assert told.stdout.split() == re.findall(r"print\(.*\)  # (\w+)", text)
 
 
-@pytest.mark.parametrize("refiner", ["none", "ppo"])
-def test_an_environment_of_ones_own_is_one_file(refiner, tmp_path, monkeypatch):
+def test_an_environment_of_ones_own_is_one_file(tmp_path, monkeypatch):
     (tmp_path / "my_conf" / "env").mkdir(parents=True)
     (tmp_path / "my_package.py").write_text(TOY)
     (text,) = blocks(ROOT / "README.md", "yaml")
     (tmp_path / "my_conf" / "env" / "pendulum_switch.yaml").write_text(text)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    small = ["ge.generations=3", "ge.population_size=10", "env.workers=1", "refiner.schedule.every=2"]
-    small += ["refiner.ppo.max_timesteps=80", "refiner.ppo.update_timesteps=40", "archive.neighbours_drawn=5"]
+    small = ["refiner=none", "ge.generations=3", "ge.population_size=10", "env.workers=1"]
     small += ["evaluation.validation_episodes=5", "evaluation.test_episodes=5", "hydra.run.dir=run"]
-    assert main(["--config-dir", "my_conf", "env=pendulum_switch", f"refiner={refiner}", *small]) == 0
+    assert main(["--config-dir", "my_conf", "env=pendulum_switch", *small]) == 0
     run = RunFolder(tmp_path / "run")
     assert run.read_summary().route == "gymnasium"
     assert set(run.read_best_tree().names.features) == {"angle", "speed"}
-    if refiner == "ppo":
-        assert any(record.outcome != "skipped" for record in run.read_refinements())
 
 
 @pytest.fixture(scope="module")
