@@ -1,14 +1,17 @@
 """What each part of the default brings: it is left out, one at a time, in short runs of many seeds.
 
-    python tests/benchmarks/ablation.py                 # all environments, 20 seeds, a quarter of an hour on two cores
+    python tests/benchmarks/ablation.py                 # all environments, 20 seeds: an hour on two cores
     python tests/benchmarks/ablation.py --table         # the tables of runs that are there already
+    python tests/benchmarks/ablation.py --commands      # the command of every row; nothing is run
 
 A short run has few generations and few neighbours, so that it shows how fast good trees are found, before all
-variants have found them; on CartPole, where whole runs have them in their second generation, two of each. What is
-compared is the champion's mean return on the run's 1,000 test episodes, seed by seed.
+variants have found them; on CartPole, where whole runs have them in their second generation, two of each. The refiner
+is due in every generation. What is compared is the champion's mean return on the run's 1,000 test episodes, seed by
+seed.
 """
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 
@@ -17,82 +20,95 @@ import numpy as np
 from ge_torchrl.__main__ import main
 from ge_torchrl.report.runs import read_runs
 from ge_torchrl.report.statistics import bootstrap_interval
-from ge_torchrl.report.tables import markdown
+from ge_torchrl.report.tables import Table
 
-SHORT = ["hall_of_fame.final_keep=0", "evaluation.validation_episodes=1000"]
+SHORT = ("archive.final_keep=0", "evaluation.validation_episodes=1000", "refiner.schedule.every=1")
+EIGHT = ("ge.generations=8", "archive.neighbours=10", "archive.neighbours_drawn=200")
 LENGTH = {
-    "cartpole": ["ge.generations=2", "hall_of_fame.neighbours=2", "hall_of_fame.neighbours_drawn=40"],
-    "acrobot": ["ge.generations=8", "hall_of_fame.neighbours=10", "hall_of_fame.neighbours_drawn=200"],
-    "mountaincar": ["ge.generations=8", "hall_of_fame.neighbours=10", "hall_of_fame.neighbours_drawn=200"],
+    "cartpole": ("ge.generations=2", "archive.neighbours=2", "archive.neighbours_drawn=40"),
+    "acrobot": EIGHT,
+    "mountaincar": EIGHT,
 }
+QUICK = (
+    "ge.population_size=20",
+    "ge.generations=2",
+    "refiner.ppo.max_timesteps=2000",
+    "polish.max_timesteps=5000",
+    "evaluation.validation_episodes=20",
+    "evaluation.test_episodes=50",
+)
 DEFAULT = "the default"
+KEEPS = ("archive.neighbours=0", "archive.revisits=0", "archive.migrants=0")
 # In each the one part is left out, or put back to what the thesis has.
 VARIANTS = {
-    DEFAULT: [],
-    "no neighbours refined": ["hall_of_fame.neighbours=0"],
-    "no kept trees refined again": ["hall_of_fame.revisits=0"],
-    "no migrants": ["hall_of_fame.migrants=0"],
-    "individuals not refined": ["refiner.probability=0"],
-    "no write-back, nothing snapped": ["refiner.write_back=false"],
-    "refined whole, not simplified": ["refiner.simplify=false"],
-    "the same episodes in all generations": ["evaluation.episode_seeds=fixed"],
-    "no parsimony": ["ge.parsimony=none"],
-    "one range of constants": ["grammar=thesis/${env}"],
-    "hall of fame only keeps": ["hall_of_fame=kept"],
-    "no refinement at all (GE alone)": ["refiner=none"],
+    DEFAULT: (),
+    "no PPO, the polish alone": ("refiner.method=none",),
+    "no polish, PPO alone": ("polish=none",),
+    "local search in PPO's place (refiner=cmaes)": ("refiner=cmaes",),
+    "straight-through splits": ("refiner.ppo.straight_through=true",),
+    "no neighbours refined": ("archive.neighbours=0",),
+    "no kept trees refined again": ("archive.revisits=0",),
+    "no migrants": ("archive.migrants=0",),
+    # No individual has so many decision nodes.
+    "individuals not refined": ("refiner.min_nodes=1000",),
+    "no write-back, nothing snapped": ("refiner.write_back=false",),
+    "refined whole, not simplified": ("refiner.simplify=false",),
+    "the same episodes in all generations": ("evaluation.episode_seeds=fixed",),
+    "no parsimony": ("ge.parsimony=none",),
+    "one range of constants": ("grammar=thesis/{environment}",),
+    "the archive only keeps": KEEPS,
+    "no archive": ("archive=none",),
+    "nothing refined (GE alone)": ("refiner=none",),
 }
-# Here the settings of exploring would be refused.
-EXPLORE_NOTHING = ("hall of fame only keeps", "no refinement at all (GE alone)")
+# Here these settings of a short run would be refused, or put back what is left out.
+NOT_WITH = {
+    "the archive only keeps": ("archive.neighbours",),
+    "no archive": ("archive.",),
+    "nothing refined (GE alone)": ("archive.", "refiner.schedule"),
+    "no PPO, the polish alone": ("refiner.schedule",),
+}
 # Parts that one environment alone has. Short runs leave the last refinement out, so it is put back here.
 ALSO = {
-    "cartpole": {"with the last refinement": ["hall_of_fame.final_keep=8"]},
+    "cartpole": {"with the last refinement": ("archive.final_keep=8",)},
     "mountaincar": {
-        "with the last refinement": ["hall_of_fame.final_keep=2"],
-        "with the last refinement, at the nearest constants": [
-            "hall_of_fame.final_keep=2",
-            "hall_of_fame.final_settling_episodes=0",
-        ],
+        "with the last refinement": ("archive.final_keep=2",),
+        "with the last refinement, at the nearest constants": (
+            "archive.final_keep=2",
+            "polish.settling_episodes=0",
+        ),
     },
     "acrobot": {
-        "with the last refinement": ["hall_of_fame.final_keep=4"],
-        "no thresholds moved one by one": ["refiner.cmaes.moves=0"],
-        "40 episodes a refinement, not 400": [
-            "refiner.cmaes.episodes=40",
-            "refiner.cmaes.screening_episodes=0",
-        ],
+        "with the last refinement": ("archive.final_keep=4",),
+        "no numbers moved one by one": ("polish.moves=0",),
+        "40 episodes a polish, not 400": ("polish.episodes=40", "polish.screening_episodes=0"),
     },
 }
 ENVIRONMENTS = tuple(LENGTH)
 
 
-def run(folder: Path, environment: str, variant: str, seeds: str) -> None:
-    """Run one variant of one environment."""
-    overrides = [text.replace("${env}", environment) for text in _variants(environment)[variant]]
-    short = [*LENGTH[environment], *SHORT]
-    if variant in EXPLORE_NOTHING:
-        short = [key for key in short if "hall" not in key]
-    status = main(
-        [
-            "-m",
-            "hydra/launcher=joblib",
-            f"env={environment}",
-            f"seed=range({seeds})",
-            *short,
-            *overrides,
-            f"hydra.sweep.dir={folder / environment / _slug(variant)}",
-        ]
-    )
-    if status != 0:
-        sys.exit(status)
+def command(options: argparse.Namespace, environment: str, variant: str) -> list[str]:
+    """The command line, without `python -m ge_torchrl`, of one variant in one environment."""
+    short = (*LENGTH[environment], *SHORT, *(QUICK if options.quick else ()))
+    refused = NOT_WITH.get(variant, ())
+    settings = {_key(text): text for text in short if not text.startswith(refused)}
+    # The last word on a key is the only one.
+    for text in _variants(environment)[variant]:
+        settings[_key(text)] = text.format(environment=environment)
+    launcher = [] if options.quick else ["hydra/launcher=joblib"]
+    folder = _folder(options, environment, variant)
+    return [
+        "-m", *launcher, f"env={environment}", f"seed=range({options.seeds})", *settings.values(),
+        f"hydra.sweep.dir={folder}",
+    ]  # fmt: skip
 
 
-def table(folder: Path, environment: str) -> str:
-    """Return the table of one environment."""
+def table(options: argparse.Namespace, environment: str) -> str:
+    """The table of one environment in Markdown."""
     rng = np.random.default_rng(0)
     found = {
-        variant: read_runs(folder / environment / _slug(variant)).runs
+        variant: read_runs(_folder(options, environment, variant)).runs
         for variant in _variants(environment)
-        if (folder / environment / _slug(variant)).exists()
+        if _folder(options, environment, variant).exists()
     }
     default = {run.seed: run.summary.test_mean for run in found[DEFAULT]}
     rows = []
@@ -108,28 +124,58 @@ def table(folder: Path, environment: str) -> str:
                 f"{min(means):.2f}",
                 "" if variant == DEFAULT else f"{np.mean(differences):+.2f} ({low:+.2f} to {high:+.2f})",
                 f"{np.median([run.summary.env_steps for run in runs]) / 1e6:.0f}",
+                f"{np.median([run.summary.wall_seconds for run in runs]):.0f}",
             ]
         )
-    head = ["left out", "runs", "mean test return", "worst", "against the default, paired", "million steps"]
-    return f"**{found[DEFAULT][0].environment}**\n\n{markdown(head, rows)}"
+    head = (
+        "left out",
+        "runs",
+        "mean test return",
+        "worst",
+        "against the default, paired",
+        "million steps",
+        "s",
+    )
+    return f"**{found[DEFAULT][0].environment}**\n\n{Table.of(head, rows).markdown()}\n"
 
 
-def _variants(environment: str) -> dict[str, list[str]]:
+def _key(setting: str) -> str:
+    return setting.partition("=")[0]
+
+
+def _variants(environment: str) -> dict[str, tuple[str, ...]]:
     return VARIANTS | ALSO[environment]
 
 
-def _slug(variant: str) -> str:
-    return "".join(letter if letter.isalnum() else "-" for letter in variant)
+def _folder(options: argparse.Namespace, environment: str, variant: str) -> Path:
+    slug = "".join(letter if letter.isalnum() else "-" for letter in variant)
+    return options.folder / environment / slug
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", type=Path, default=Path("multirun/ablation"))
-    parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS, choices=ENVIRONMENTS)
-    parser.add_argument("--seeds", default="20,40", help="first and end, as of range()")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--folder", type=Path, help="where the runs are (default: multirun/ablation, or ablation-quick)"
+    )
+    parser.add_argument("--environments", nargs="+", choices=ENVIRONMENTS, help="(default: all)")
+    parser.add_argument("--seeds", help="first and end, as of range() (default: 20,40)")
     parser.add_argument("--table", action="store_true", help="run nothing")
+    parser.add_argument("--commands", action="store_true", help="print the command of every row")
+    parser.add_argument("--quick", action="store_true", help="tiny runs of CartPole: does it run at all?")
     options = parser.parse_args()
+    options.folder = options.folder or Path(
+        "multirun/ablation-quick" if options.quick else "multirun/ablation"
+    )
+    options.environments = options.environments or (("cartpole",) if options.quick else ENVIRONMENTS)
+    options.seeds = options.seeds or ("20,22" if options.quick else "20,40")
     for environment in options.environments:
         for variant in () if options.table else _variants(environment):
-            run(options.folder, environment, variant, options.seeds)
-        print(table(options.folder, environment), flush=True)
+            arguments = command(options, environment, variant)
+            if options.commands:
+                print(f"# {variant}\npython -m ge_torchrl {shlex.join(arguments)}")
+            elif (status := main(arguments)) != 0:
+                sys.exit(status)
+        if not options.commands:
+            print(table(options, environment), flush=True)

@@ -1,164 +1,367 @@
-"""What one refinement brings, by which part of the method: the same trees, refined in many ways.
+"""What one refinement brings, by method and by its parts: the same trees, refined in many ways.
 
-    python tests/benchmarks/bench_refiners.py                  # some ten minutes an environment, on one core
+    python tests/benchmarks/bench_refiners.py                                    # half an hour on one core
+    python tests/benchmarks/bench_refiners.py --environments cartpole --route gymnasium
+    python tests/benchmarks/bench_refiners.py --rows budgets --environments acrobot
 
-One tree from each of 20 runs (seeds 20 to 39) of Grammatical Evolution alone, a random one of those that may be
-refined, after few generations. Each variant refines all of them; before and after are means over 1,000 episodes that
-nothing else sees. The environment's CMA-ES is given the steps that PPO took, snapshots and acceptance included, or its
-seconds.
+One tree from each of 20 runs (seeds 20 to 39) of grammatical evolution alone, after few generations: a random one of
+those that may be refined. Every row refines them all in one batch, as a generation of a run does, and measures them on
+episodes that nothing else sees. Local search is given the environment steps that PPO took, or its seconds.
+
+Further arguments are settings of the run, such as refiner.ppo.max_timesteps=20000, for all rows.
 """
 
 import argparse
+import contextlib
+import io
 import sys
 import time
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from bench import composed
+import yaml
 
-from ge_torchrl.environments.compiled_route import CompiledRoute
-from ge_torchrl.experiment import plan
+from ge_torchrl.__main__ import main
+from ge_torchrl.config import Config, PolishConfig, PPOConfig, RefinerConfig
+from ge_torchrl.environments.backend import Backend
+from ge_torchrl.environments.choose import open_backend
+from ge_torchrl.refiners.local_search import LocalSearch
+from ge_torchrl.refiners.protocol import Refiner
+from ge_torchrl.refiners.rl.refiner import PPORefiner
 from ge_torchrl.report.statistics import bootstrap_interval
-from ge_torchrl.report.tables import markdown
-from ge_torchrl.search.candidate import Eligibility
-from ge_torchrl.search.cmaes import CMAESRefiner
-from ge_torchrl.search.evolution import Evolution
-from ge_torchrl.search.fitness import TrainingEpisodes
-from ge_torchrl.search.ppo_refiner import PPORefiner
-from ge_torchrl.search.refinement import refine
+from ge_torchrl.report.tables import Table
+from ge_torchrl.run.plan import plan
+from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.proposals import INDIVIDUAL, Eligibility, Proposal
+from ge_torchrl.search.refinement import is_clearly_better, refine_proposals
+from ge_torchrl.search.step import first_state, step
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.simplify import simplify_forest
+from ge_torchrl.trees.tree import DecisionTree
 
-GENERATIONS = {"cartpole": 10, "mountaincar": 20, "acrobot": 10}
-SEEDS = range(20, 40)
-UNSEEN = np.arange(2_000_000, 2_001_000)
+ENVIRONMENTS = ("cartpole", "mountaincar", "acrobot", "lunarlander")
+GENERATIONS = {"cartpole": 10, "mountaincar": 20, "acrobot": 10, "lunarlander": 5}
+# Steps of LunarLander are dear: its trees come from smaller populations.
+SMALLER = {"lunarlander": ("ge.population_size=100", "evaluation.episodes=5")}
+UNSEEN = {"lunarlander": 200}
+FIRST_UNSEEN = 2_000_000
+QUICK = (
+    "refiner.ppo.max_timesteps=4000",
+    "refiner.ppo.snapshot_episodes=10",
+    "refiner.acceptance_episodes=20",
+    "refiner.measuring_episodes=5",
+    "polish.max_timesteps=8000",
+    "polish.episodes=5",
+    "polish.screening_episodes=0",
+)
+# More standard errors of the mean difference than chance gives.
+ERRORS = 3.0
+# A local search on fewer episodes takes luck for gain.
+FEWEST_EPISODES = 20
+# It stops where it has converged: so often its budget is set again until it took the seconds of its rival.
+TRIES, NEARLY = 4, 0.8
 
 
-def config_of(environment, seed, *overrides):
-    return composed(f"env={environment}", f"seed={seed}", "refiner=ppo", *overrides)
+@dataclass(frozen=True)
+class Row:
+    """How trees are refined: by PPO or local search, followed by the polish or not; accepted or not by `refiner`."""
+
+    name: str
+    refiner: RefinerConfig
+    search: PolishConfig | None = None
+    polish: PolishConfig | None = None
 
 
-def tree_of(environment, seed):
-    """Return the environment's specification, and a tree that may be refined; the next seed's where there is none."""
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What became of R trees; returns are [R, E], steps and seconds those of one tree."""
+
+    before: np.ndarray
+    hardened: np.ndarray
+    after: np.ndarray
+    soft: float
+    steps: float
+    accepting_steps: float
+    seconds: float
+
+
+class Timed:
+    """A refiner that remembers what it gave, and the processor time that it took."""
+
+    def __init__(self, refiner: Refiner) -> None:
+        self._refiner, self.seconds, self.refined = refiner, 0.0, []
+
+    def refine(self, trees, rngs, effort):
+        started = time.process_time()
+        self.refined = self._refiner.refine(trees, rngs, effort)
+        self.seconds += time.process_time() - started
+        return self.refined
+
+
+def composed(*overrides: str) -> Config:
+    """The configuration that the command line composes of these overrides."""
+    shown = io.StringIO()
+    with contextlib.redirect_stdout(shown):
+        status = main(["--cfg", "job", *overrides])
+    if status != 0:
+        sys.exit(status)
+    return Config.from_mapping(yaml.safe_load(shown.getvalue()))
+
+
+def tree_of(environment: str, seed: int, generations: int) -> DecisionTree:
+    """A tree that may be refined, of a run of GE alone; of another seed's where this one has none."""
     while True:
-        config = config_of(environment, seed)
-        planned = plan(config)
-        route = CompiledRoute(planned.spec, threads=1)
-        episodes = TrainingEpisodes(
-            config.evaluation.episode_seeds,
-            config.evaluation.episodes,
-            stream(seed, "training episodes"),
+        config = composed(
+            f"env={environment}",
+            "refiner=none",
+            "archive=none",
+            f"seed={seed}",
+            *SMALLER.get(environment, ()),
         )
-        evolution = Evolution(config.ge, planned.tables, route, episodes, stream(seed, "evolution"))
-        generation = evolution.first()
-        for _ in range(GENERATIONS[environment]):
-            generation = evolution.after(generation)
-        forest = simplify_forest(evolution.map(generation.codons).forest, planned.spec.low, planned.spec.high)
-        eligible = Eligibility(planned.spec.solved_at, config.env.lowest_fitness_excluded)
+        planned = plan(config)
+        backend = open_backend(planned.spec, threads=1)
+        problem = Problem(config.resolved(backend.steps_per_second), planned.tables, backend, None, None)
+        state, _ = first_state(problem)
+        for _ in range(generations):
+            state, _ = step(problem, state)
+        backend.close()
+        forest, fitness = state.population.forest, state.population.fitness
+        eligible = Eligibility(planned.spec.solved_at, config.env.lowest_return)
         candidates = [
             i
             for i in range(len(forest))
-            if eligible.admits(int(forest.sizes[i]), float(generation.fitness[i]))
+            if eligible.admits(int(forest.num_decision_nodes[i]), float(fitness[i]))
         ]
         if candidates:
-            return planned.spec, forest.tree(int(stream(seed, "a tree to refine").choice(candidates)))
+            return forest.tree(int(stream(seed, "a tree to refine").choice(candidates)))
         seed += 1000
 
 
-def variants_of(environment):
-    refiner = config_of(environment, 0).refiner
+def rows_of_ppo(refiner: RefinerConfig, polish: PolishConfig) -> list[Row]:
+    """PPO as the default has it, with one part at a time left out or put back to what the thesis has."""
     ppo = refiner.ppo
 
-    def of(**changes):
+    def of(**changes) -> RefinerConfig:
         return replace(refiner, ppo=replace(ppo, **changes))
 
-    return {
-        "PPO, refiner=ppo": refiner,
-        "features not scaled, alpha 1000": of(scale_features=False, alpha=1000.0),
-        "critic not scaled": of(scale_critic=False),
-        "critic not scaled, its learning rate 0.003": of(scale_critic=False, lr_critic=0.003),
-        "alpha 50 instead of 5": of(alpha=50.0),
-        "alpha annealed from 5 to 50": of(alpha_final=50.0),
-        "leaves of Eq. 3 (leaf_scale 1)": of(leaf_scale=1.0),
-        "learning rate 0.001, as in the thesis": of(lr_actor=0.001),
-        "thresholds' learning rate 0.01": of(lr_thresholds=0.01),
-        "minibatches of 250": of(minibatch_size=250),
-        "a quarter of the steps": of(max_timesteps=ppo.max_timesteps // 4),
-        "four times the steps": of(max_timesteps=ppo.max_timesteps * 4),
-        "RMSprop": of(optimizer="rmsprop"),
-        "gamma 0.95, lambda 0.95": of(gamma=0.95, gae_lambda=0.95),
-        "entropy bonus constant": of(entropy_final=None),
+    changed = {
+        "PPO, straight-through": of(straight_through=True),
+        "not standardised, alpha 1000": of(standardise=False, alpha=1000.0),
+        "leaves of Eq. 3": of(leaf_logit=None),
         "last tree, not the best snapshot": of(snapshot_episodes=0),
         "accepted unseen": replace(refiner, acceptance_episodes=0),
         "last tree, accepted unseen": replace(of(snapshot_episodes=0), acceptance_episodes=0),
+        "straight-through, last tree, accepted unseen": replace(
+            of(straight_through=True, snapshot_episodes=0), acceptance_episodes=0
+        ),
     }
+    rows = [Row("PPO", refiner), *(Row(name, config) for name, config in changed.items())]
+    return [*rows, Row("PPO, then the polish", refiner, polish=polish)]
 
 
-def measured(spec, trees, refiner_of, config):
-    """Return the mean returns before and after [P], and the seconds and steps of a refinement."""
-    route = CompiledRoute(spec, threads=1)
-    refined, steps, started = [], [], time.perf_counter()
-    for i, tree in enumerate(trees):
-        done = refine(refiner_of(route, i), route, tree, config, i, "bench")
-        refined.append(done.tree)
-        steps.append(done.env_steps)
-    seconds = (time.perf_counter() - started) / len(trees)
-    before, after = (
-        route.evaluate(Forest.stack(some), UNSEEN).returns.mean(axis=1) for some in (trees, refined)
+def rows_of_hyperparameters(refiner: RefinerConfig, _polish: PolishConfig) -> list[Row]:
+    """PPO with other numbers than the default's."""
+    ppo = refiner.ppo
+    changed: dict[str, PPOConfig] = {
+        "alpha 50": replace(ppo, alpha=50.0),
+        "learning rate 0.001, as in the thesis": replace(ppo, lr_actor=0.001),
+        "RMSprop": replace(ppo, optimizer="rmsprop"),
+        "gamma 0.95, lambda 0.95": replace(ppo, gamma=0.95, gae_lambda=0.95),
+        "entropy bonus constant": replace(ppo, entropy_final=None),
+        "minibatches of 250": replace(ppo, minibatch_size=250),
+        "critic of 64 and 64": replace(ppo, critic_hidden=(64, 64)),
+        "a quarter of the steps": replace(ppo, max_timesteps=ppo.max_timesteps // 4),
+        "four times the steps": replace(ppo, max_timesteps=ppo.max_timesteps * 4),
+    }
+    rows = [Row(name, replace(refiner, ppo=config)) for name, config in changed.items()]
+    return [Row("PPO", refiner), *rows]
+
+
+def rows_of_budgets(refiner: RefinerConfig, polish: PolishConfig) -> list[Row]:
+    """Local search with other budgets, episodes and moves; on few episodes the best tree tried is the luckiest."""
+    changed: dict[str, PolishConfig] = {"as the polish": polish}
+    for episodes in (40, 100, 400):
+        for first_step in (0.5, 0.02):
+            changed[f"CMA-ES, {episodes} episodes, first step {first_step}"] = replace(
+                polish,
+                max_timesteps=episodes * 7500,
+                episodes=episodes,
+                screening_episodes=0,
+                moves=0,
+                first_step=first_step,
+            )
+    for episodes, million in ((100, 1.0), (400, 1.0), (400, 2.5), (400, 10.0), (1000, 10.0)):
+        changed[f"8 moves, {episodes} episodes, screened on a quarter, {million:g} million steps"] = replace(
+            polish,
+            max_timesteps=int(million * 1e6),
+            episodes=episodes,
+            screening_episodes=episodes // 4,
+            moves=8,
+            first_step=0.02,
+        )
+    return [Row(name, refiner, search=config) for name, config in changed.items()]
+
+
+ROWS = {"parts": rows_of_ppo, "hyperparameters": rows_of_hyperparameters, "budgets": rows_of_budgets}
+
+
+def scaled(polish: PolishConfig, max_timesteps: float) -> PolishConfig:
+    """A local search with another budget: its episodes in proportion, so that it tries about as many trees."""
+    share = max(max_timesteps / polish.max_timesteps, FEWEST_EPISODES / polish.episodes)
+    episodes, screening = round(share * polish.episodes), round(share * polish.screening_episodes)
+    return replace(
+        polish, max_timesteps=round(max_timesteps), episodes=episodes, screening_episodes=screening
     )
-    route.close()
-    return before, after, seconds, np.array(steps)
 
 
-def row(name, before, after, seconds, steps):
-    gain = after - before
+class Bench:
+    """The trees of one environment, and the backend that refines them."""
+
+    def __init__(self, environment: str, options: argparse.Namespace) -> None:
+        settings = (*(QUICK if options.quick else ()), *options.settings)
+        config = composed(f"env={environment}", "archive=none", "refiner.schedule.every=1", *settings)
+        self.planned = plan(config)
+        generations = 1 if options.quick else GENERATIONS[environment]
+        self.trees = [tree_of(environment, seed, generations) for seed in range(20, 20 + options.trees)]
+        self.backend = open_backend(self.planned.spec, options.route, threads=1, workers=1)
+        self.judge = open_backend(self.planned.spec)
+        self.unseen = FIRST_UNSEEN + np.arange(options.episodes or UNSEEN.get(environment, 1000))
+        resolved = config.resolved(self.backend.steps_per_second)
+        # Trees come back as they are, off the grammar's constants: what a method brings is not to be rounded away.
+        self.config = replace(
+            resolved,
+            refiner=replace(resolved.refiner, write_back=False),
+            polish=replace(resolved.polish, every=1),
+        )
+
+    def close(self) -> None:
+        self.backend.close()
+        self.judge.close()
+
+    def measured(self, row: Row, trees: Sequence[DecisionTree] | None = None) -> Measured:
+        """Refine all trees, and measure them before and after."""
+        trees, backend = self.trees if trees is None else trees, self.backend
+        refiner = Timed(refiner_of(backend, row))
+        polisher = Timed(LocalSearch(backend, row.polish, "polish")) if row.polish else None
+        config = replace(self.config, refiner=row.refiner)
+        problem = Problem(config, self.planned.tables, backend, refiner, polisher)
+        before = backend.steps.copy()
+        proposals = [Proposal(tree, INDIVIDUAL, 0.0) for tree in trees]
+        refinements = refine_proposals(problem, proposals, 1).refinements
+        took = {name: n - before[name] for name, n in backend.steps.items()}
+        steps = took.pop("refinement", 0) + took.pop("polish", 0)
+        seconds = refiner.seconds + (polisher.seconds if polisher else 0.0)
+        soft = [one.training.soft_return for one in refiner.refined]
+        returns = [
+            self.returns(some)
+            for some in (trees, [one.tree for one in refiner.refined], [one.tree for one in refinements])
+        ]
+        return Measured(
+            *returns,
+            soft=float(np.nanmean(soft)) if np.isfinite(soft).any() else float("nan"),
+            steps=steps / len(trees),
+            accepting_steps=sum(took.values()) / len(trees),
+            seconds=seconds / len(trees),
+        )
+
+    def returns(self, trees: Sequence[DecisionTree]) -> np.ndarray:
+        return self.judge.evaluate(Forest.stack(trees), self.unseen, "bench").returns
+
+    def rows(self, kind: str):
+        """Measure the rows of one kind; local search beside PPO where PPO's parts are measured."""
+        refiner, polish = self.config.refiner, self.config.polish
+        self.measured(Row("first calls compile and import", refiner, polish=polish), self.trees[:2])
+        ppo = None
+        for row in ROWS[kind](refiner, polish):
+            measured = self.measured(row)
+            ppo = ppo or measured
+            yield row.name, measured
+        if kind != "parts":
+            return
+        budget = ppo.steps
+        name, measured = self.searched("equal steps", scaled(polish, budget))
+        yield name, measured
+        for _ in range(TRIES):
+            budget *= ppo.seconds / measured.seconds
+            name, measured = self.searched("equal seconds", scaled(polish, budget))
+            if measured.seconds >= NEARLY * ppo.seconds:
+                break
+        yield name, measured
+
+    def searched(self, name: str, search: PolishConfig) -> tuple[str, Measured]:
+        row = Row(f"local search, {name} ({search.episodes} episodes)", self.config.refiner, search=search)
+        return row.name, self.measured(row)
+
+
+def refiner_of(backend: Backend, row: Row) -> Refiner:
+    if row.search is not None:
+        return LocalSearch(backend, row.search, "refinement")
+    return PPORefiner(backend, row.refiner.ppo, "refinement")
+
+
+HEAD = ("", "before", "soft", "hardened", "after", "gain", "better, worse", "thousand steps", "s")
+
+
+def cells(name: str, one: Measured) -> list[str]:
+    gain = one.after.mean(axis=1) - one.before.mean(axis=1)
     low, high = bootstrap_interval(gain, np.random.default_rng(0))
-    better, worse = (gain > 0).sum(), (gain < 0).sum()
+    pairs = list(zip(one.before, one.after, strict=True))
+    better = sum(is_clearly_better(new, old, ERRORS) for old, new in pairs)
+    worse = sum(is_clearly_better(old, new, ERRORS) for old, new in pairs)
     return [
         name,
-        f"{before.mean():.1f}",
-        f"{after.mean():.1f}",
+        f"{one.before.mean():.1f}",
+        "" if np.isnan(one.soft) else f"{one.soft:.1f}",
+        f"{one.hardened.mean():.1f}",
+        f"{one.after.mean():.1f}",
         f"{gain.mean():+.1f} ({low:+.1f} to {high:+.1f})",
-        f"{better} of {len(gain)}",
-        str(worse),
-        f"{steps.mean() / 1e3:.0f}",
-        f"{seconds:.2f}",
+        f"{better}, {worse}",
+        f"{one.steps / 1e3:,.0f}",
+        f"{one.seconds:.2f}",
     ]
 
 
-def bench(environment):
-    found = [tree_of(environment, seed) for seed in SEEDS]
-    spec, trees = found[0][0], [tree for _, tree in found]
-    rows = []
-    for name, config in variants_of(environment).items():
-        results = measured(spec, trees, lambda route, _, c=config: PPORefiner(route, c.ppo), config)
-        rows.append(row(name, *results))
+def table(environment: str, options: argparse.Namespace) -> str:
+    """The table of one environment in Markdown."""
+    bench = Bench(environment, options)
+    rows, accepting = [], 0.0
+    for name, measured in bench.rows(options.rows):
+        accepting = accepting or measured.accepting_steps
+        rows.append(cells(name, measured))
         print(".", end="", flush=True, file=sys.stderr)
-        if len(rows) == 1:
-            _, _, seconds, steps = results
-    cmaes = composed(f"env={environment}", "refiner=cmaes").refiner.cmaes
-    equal_steps = [replace(cmaes, max_timesteps=int(n)) for n in steps]
-    as_accepted = variants_of(environment)["PPO, refiner=ppo"]
-    for name, configs in (
-        ("CMA-ES, equal steps", equal_steps),
-        ("CMA-ES, equal seconds", [replace(cmaes, max_seconds=float(seconds))] * len(trees)),
-    ):
-        refiner_of = lambda route, i, c=configs: CMAESRefiner(route, c[i])  # noqa: E731
-        rows.append(row(name, *measured(spec, trees, refiner_of, as_accepted)))
-    head = ["variant", "before", "after", "gain", "better", "worse", "thousand steps", "s"]
-    return f"**{spec.id}**, {len(trees)} trees\n\n{markdown(head, rows)}\n"
+    bench.close()
+    print(file=sys.stderr)
+    title = f"**{bench.planned.spec.id}**, {bench.backend.name}, {len(bench.trees)} trees"
+    below = (
+        f"Acceptance and measuring took {accepting / 1e3:,.0f} thousand steps a tree more in the first row."
+    )
+    return f"{title}\n\n{Table.of(HEAD, rows).markdown()}\n\n{below}\n"
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--environments", nargs="+", default=list(GENERATIONS), choices=list(GENERATIONS))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS, choices=ENVIRONMENTS)
+    parser.add_argument("--rows", default="parts", choices=list(ROWS), help="which rows (default: parts)")
+    parser.add_argument(
+        "--route", default="auto", choices=("auto", "kernel", "gymnasium"), help="of refining"
+    )
+    parser.add_argument("--trees", type=int, help="how many trees (default: 20)")
+    parser.add_argument("--episodes", type=int, help="unseen episodes (default: 1000, 200 of LunarLander's)")
+    parser.add_argument(
+        "--quick", action="store_true", help="three trees, small budgets: does it run at all?"
+    )
     parser.add_argument("--output", type=Path, help="a file for the tables, besides standard output")
-    options = parser.parse_args()
+    parser.add_argument("settings", nargs="*", metavar="key=value", help="settings of the run, for all rows")
+    options = parser.parse_intermixed_args()
+    options.trees = options.trees or (3 if options.quick else 20)
+    options.episodes = options.episodes or (20 if options.quick else None)
     tables = []
     for environment in options.environments:
-        tables.append(bench(environment))
+        tables.append(table(environment, options))
         print(tables[-1], flush=True)
     if options.output:
         options.output.write_text("\n".join(tables))
