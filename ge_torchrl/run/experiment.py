@@ -33,6 +33,7 @@ from ge_torchrl.run.recording import (
     write_untested,
     write_verdict,
 )
+from ge_torchrl.run.remaining import fraction_after_search
 from ge_torchrl.search.conclusion import (
     TEST,
     VALIDATION,
@@ -70,10 +71,15 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     started = time.perf_counter()
     planned = plan(config)
     console = console or Console(highlight=False)
-    if not is_compiled_before():
+    is_first = not is_compiled_before()
+    if is_first:
         console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
     backend = open_backend(planned.spec, config.env.route, config.evaluation.threads, config.env.workers)
     try:
+        if is_first:
+            # Measuring the speed compiles. That happens once, and is no part of what a run may take.
+            _ = backend.steps_per_second
+            started = time.perf_counter()
         return _Run(planned, backend, output_dir, console, started).to_the_end()
     finally:
         backend.close()
@@ -111,7 +117,7 @@ class _Run:
             self.history = opened.enter_context(self.folder.history_writer())
             if self.problem.refiner is not None:
                 self.refinements = opened.enter_context(self.folder.refinements_writer())
-            self.progress = opened.enter_context(Progress(console, config.ge.generations, config))
+            self.progress = opened.enter_context(self._progress())
             self.backend.on_steps = self.progress.beat
             try:
                 stopped_by, evolve_seconds, verdict = self._search_and_choose()
@@ -125,6 +131,10 @@ class _Run:
         self.folder.write_summary(summary)
         self._tell(summary, verdict, records)
         return summary
+
+    def _progress(self) -> Progress:
+        config = self.config
+        return Progress(self.console, config.ge.generations, config, fraction_after_search(config))
 
     def _search_and_choose(self) -> tuple[str, float, Verdict]:
         self.backend.limit = self.allowance.until(Phase.SEARCH)

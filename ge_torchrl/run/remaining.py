@@ -5,7 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ge_torchrl.artefacts.records import GenerationRecord
-from ge_torchrl.config import GEConfig
+from ge_torchrl.config import Config, GEConfig
+
+# Trees that were refined before converge early: so much of the last budget is spent.
+_SPENT_AT_THE_END = 0.25
+# The share of validation and test in a run without a last refinement.
+_VALIDATION_AND_TEST = 0.05
 
 
 @dataclass(frozen=True)
@@ -64,3 +69,17 @@ def duration(seconds: float | None) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+def fraction_after_search(config: Config) -> float:
+    """Return the share of a run's time that everything after the last generation takes, as its budgets tell.
+
+    Args:
+        config: The configuration, its budgets resolved.
+    """
+    archive, polish, schedule = config.archive, config.polish, config.refiner.schedule
+    proposals = config.refiner.candidates + archive.neighbours + archive.revisits * archive.revisit_factor
+    due = [g for g in range(config.ge.generations) if polish.applies_to(g) or schedule.applies_to(g)]
+    last = archive.final_keep * archive.max_nodes * archive.final_factor * archive.final_patience
+    last_share = _SPENT_AT_THE_END * last
+    return last_share / max(last_share + proposals * len(due), 1) if last else _VALIDATION_AND_TEST

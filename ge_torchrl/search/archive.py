@@ -31,8 +31,9 @@ POPULATION, REFINEMENT, POLISH = "population", "refinement", "polish"
 
 # A tree so many times larger than the largest kept one may still be pruned to a kept size.
 _LARGEST_OFFERED = 2
-# States of each kept tree, from which the thresholds of its neighbours are drawn.
-_OBSERVED = 500
+# States of each kept tree, from which thresholds of its neighbours are drawn: where steps are nearly free, and where
+# they are dear.
+_OBSERVED, _OBSERVED_WHERE_DEAR = 500, 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,4 +220,5 @@ def _observe(problem: Problem, trees: Sequence[DecisionTree]) -> Sequence[FloatA
     if not trees or problem.config.archive.neighbours == 0:
         return [np.zeros((0, problem.backend.spec.n_features), np.float32)] * len(trees)
     rngs = [stream(problem.config.seed, f"observations of {digest(tree).hex()}") for tree in trees]
-    return list(problem.backend.observe(trees, _OBSERVED, rngs, ARCHIVE))
+    n_steps = _OBSERVED if problem.polisher is not None else _OBSERVED_WHERE_DEAR
+    return list(problem.backend.observe(trees, n_steps, rngs, ARCHIVE))

@@ -18,7 +18,7 @@ from ge_torchrl.ge.encoding import constants_near
 from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.refiners.protocol import Effort
 from ge_torchrl.refiners.settling import settle
-from ge_torchrl.search.archive import POLISH, POPULATION, Contender, Member, offer, prune_all
+from ge_torchrl.search.archive import POLISH, POPULATION, REFINEMENT, Contender, Member, offer, prune_all
 from ge_torchrl.search.fitness import (
     fitness_of,
     measure,
@@ -97,6 +97,7 @@ def refine_once_more(problem: Problem, state: SearchState) -> SearchState:
     sizes = sorted({member.tree.num_decision_nodes for member in state.archive.members} - {0})
     trees = [member.tree for size in sizes for member in state.archive.of_size(size)[: settings.final_keep]]
     effort = Effort(settings.final_factor, settings.final_patience, settings.final_step)
+    origin = REFINEMENT if problem.polisher is None else POLISH
     limited = problem.backend.limit is not None
     for first in range(0, len(trees), _TREES_AT_ONCE if limited else max(len(trees), 1)):
         some = trees[first : first + _TREES_AT_ONCE] if limited else trees
@@ -108,7 +109,7 @@ def refine_once_more(problem: Problem, state: SearchState) -> SearchState:
                 problem.backend, Forest.stack(refined), seeds, FINAL, problem.config.evaluation.std_penalty
             )
             contenders = [
-                Contender(tree, float(value), POLISH) for tree, value in zip(refined, fitness, strict=True)
+                Contender(tree, float(value), origin) for tree, value in zip(refined, fitness, strict=True)
             ]
             state = replace(state, archive=offer(problem, state.archive, contenders))
         except LimitReachedError:

@@ -147,7 +147,7 @@ def test_members_saw_what_they_act_on_and_it_depends_on_the_tree_alone(backend):
     together = offered(problem, [POOR, GOOD])
     apart = offered(problem, [GOOD], [POOR_MOVED], [POOR])
     for member in together.members:
-        assert member.observed.shape == (500, 4)
+        assert member.observed.shape == (100, 4), "no polish: steps are dear here"
         assert member.observed.dtype == np.float32
     (of_good,) = (member.observed for member in apart.members if member.tree == GOOD)
     np.testing.assert_array_equal(together.of_size(2)[0].observed, of_good)
