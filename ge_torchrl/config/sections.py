@@ -97,6 +97,13 @@ class GEConfig(Section):
     gene_probability: float = probability(
         0.05, doc="Probability that mutation redraws a codon of an individual that is mutated."
     )
+    restarts: int = setting(
+        0,
+        at_least=0,
+        because="it counts starts after the first",
+        doc="How often the search begins anew with another population. The generations have as many equal parts, and "
+        "two more: one for the first start, and a last one where the archives of all starts go on as one.",
+    )
     crossover_probability: float = probability(0.0, doc="Probability that a pair of parents is crossed over.")
     mutation_probability: float = probability(1.0, doc="Probability that an individual is mutated.")
     tournament_size: int = setting(
@@ -130,7 +137,14 @@ class GEConfig(Section):
     )
 
     def check_together(self) -> None:
-        """Refuse tournaments of more than everybody, and populations that fit into no memory."""
+        """Refuse starts without generations, tournaments of more than all, populations that fit into no memory."""
+        if self.restarts > max(0, self.generations - 2):
+            self.refuse(
+                "restarts",
+                f"at most {max(0, self.generations - 2)} with ge.generations={self.generations}",
+                "each start has a part of the generations, and one is for all together",
+                max(0, self.generations - 2),
+            )
         # Left open, it is never more than this.
         population_size = self.population_size or _POPULATION_SIZE
         if self.tournament_size > population_size:

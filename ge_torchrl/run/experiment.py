@@ -45,6 +45,7 @@ from ge_torchrl.search.conclusion import (
     train_fitness_of,
 )
 from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.restarts import together
 from ge_torchrl.search.state import Events, SearchState
 from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller
@@ -170,10 +171,14 @@ class _Run:
     def _last_state(self) -> SearchState:
         if self.search.state is None:
             raise ValueError("a search that ended has a state")
-        return self.search.state
+        return together(self.problem, self.search.state)
 
     def _watch(self, state: SearchState, events: Events) -> None:
         elapsed = time.perf_counter() - self.started
+        if events.begins_anew:
+            self.progress.say(
+                "Beginning anew with another population; the best trees so far are set aside ..."
+            )
         self.refine_seconds += events.refine_seconds
         self.polish_seconds += events.polish_seconds
         for refinement in refinement_records(state, events):
@@ -185,7 +190,7 @@ class _Run:
 
     def _save_what_there_is(self) -> str:
         """Save the best tree so far and the kept ones, and return what to say of them."""
-        state = self.search.state
+        state = None if self.search.state is None else self._last_state()
         if state is None or not (contenders := contenders_of(self.problem, state)):
             return "no tree was there yet"
         best = max(contenders, key=train_fitness_of)

@@ -116,8 +116,17 @@ def offer(problem: Problem, archive: Archive, contenders: Iterable[Contender]) -
     pruned = prune_all(trees, outcomes.leaf_visits)
     kept = _Kept(settings, archive)
     for tree, contender, value in zip(pruned, new, map(float, fitness), strict=True):
-        kept.add(tree, contender, value)
+        kept.add(_Candidate(tree, value, contender))
     return Archive(kept.members(problem), archive.offered | {digest(tree) for tree in (*trees, *pruned)})
+
+
+def merged(problem: Problem, archives: Sequence[Archive]) -> Archive:
+    """Return one archive of several: the best of each size, of equally good ones those of the earlier archive."""
+    first, *others = archives
+    kept = _Kept(problem.config.archive, first)
+    for member in (member for archive in others for member in archive.members):
+        kept.add(member)
+    return Archive(kept.members(problem), frozenset().union(*(archive.offered for archive in archives)))
 
 
 def prune_all(trees: Sequence[DecisionTree], leaf_visits: NDArray[np.int64] | None) -> list[DecisionTree]:
@@ -177,17 +186,17 @@ class _Kept:
         for member in archive.members:
             self._by_size.setdefault(member.tree.num_decision_nodes, []).append(member)
 
-    def add(self, tree: DecisionTree, contender: Contender, fitness: float) -> None:
+    def add(self, entry: Member | _Candidate) -> None:
         """Sort in a tree, if it is among the best of its size and better than the kept one of its structure."""
-        size = tree.num_decision_nodes
+        size = entry.tree.num_decision_nodes
         if size > self._settings.max_nodes:
             return
         rivals = self._by_size.get(size, [])
-        alike = [rival for rival in rivals if rival.tree.structure == tree.structure]
-        if any(_fitness(rival) >= fitness for rival in alike):
+        alike = [rival for rival in rivals if rival.tree.structure == entry.tree.structure]
+        if any(_fitness(rival) >= _fitness(entry) for rival in alike):
             return
         rivals = [rival for rival in rivals if rival not in alike]
-        rivals.append(_Candidate(tree, fitness, contender))
+        rivals.append(entry)
         rivals.sort(key=lambda rival: -_fitness(rival))
         self._by_size[size] = rivals[: self._settings.keep]
 

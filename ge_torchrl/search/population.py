@@ -95,14 +95,15 @@ def map_simplified(problem: Problem, codons: Codons) -> Forest:
     return simplify(map_population(codons, problem.tables, problem.config.ge.wraps), *problem.backend.bounds)
 
 
-def first_population(problem: Problem) -> Evolved:
-    """Return the random first population."""
+def first_population(problem: Problem, generation: int = 0) -> Evolved:
+    """Return a random population; one beyond generation 0 begins the search anew."""
     ge, started = problem.config.ge, time.perf_counter()
-    rng = stream(problem.config.seed, "first population")
+    name = "first population" + (f", generation {generation}" if generation else "")
+    rng = stream(problem.config.seed, name)
     codons = random_population(ge.population_size, ge.genotype_length, rng)
     forest = map_simplified(problem, codons)
     mapped = time.perf_counter()
-    fitness = _measure(problem, forest, 0)
+    fitness = _measure(problem, forest, generation)
     return Evolved(
         population=Population(codons, forest, fitness),
         born=len(codons),

@@ -39,7 +39,8 @@ class SearchState:
         generation: 0 for the random first population.
         population: The population.
         archive: The kept trees.
-        times_refined: How often trees of each structure were refined.
+        set_aside: Archives of former starts, until all go on together.
+        times_refined: How often trees of each structure were refined since the last start.
         best_refined: The fittest tree that refinement bettered; None before there is one.
         counts: What was counted so far.
     """
@@ -47,6 +48,7 @@ class SearchState:
     generation: int
     population: Population
     archive: Archive
+    set_aside: tuple[Archive, ...] = ()
     times_refined: Mapping[bytes, int] = field(default_factory=dict)
     best_refined: Contender | None = None
     counts: Counts = Counts()
@@ -80,6 +82,7 @@ class Events:
     Attributes:
         refinements: Trees that the refiner refined.
         redraws: Rejected candidates where refinement was due and none was found; None where that did not happen.
+        begins_anew: Whether the generation began the search anew.
         born: Individuals made in this generation.
         invalid: Those of them without a tree.
         evaluation_seconds: Clock time of the population's rollouts.
@@ -90,6 +93,7 @@ class Events:
 
     refinements: tuple[RefinementEvent, ...] = ()
     redraws: int | None = None
+    begins_anew: bool = False
     born: int = 0
     invalid: int = 0
     evaluation_seconds: float = 0.0

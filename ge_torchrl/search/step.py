@@ -28,6 +28,7 @@ from ge_torchrl.search.proposals import (
     propose_neighbours,
 )
 from ge_torchrl.search.refinement import IMPROVED, Refinement, Refinements, refine_proposals
+from ge_torchrl.search.restarts import begins_anew, goes_on_together, together
 from ge_torchrl.search.state import Counts, Events, RefinementEvent, SearchState
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.tree import DecisionTree
@@ -59,6 +60,10 @@ def step(problem: Problem, state: SearchState) -> tuple[SearchState, Events]:
         LimitReachedError: The backend's limit was reached; the state is still the last one.
     """
     generation = state.generation + 1
+    if begins_anew(problem.config.ge, generation):
+        return _anew(problem, state, generation)
+    if goes_on_together(problem.config.ge, generation):
+        state = together(problem, state)
     evolved = next_population(problem, state.population, generation)
     population = evolved.population
     proposals, redraws = _proposals(problem, state, population, generation)
@@ -81,12 +86,29 @@ def step(problem: Problem, state: SearchState) -> tuple[SearchState, Events]:
         generation=generation,
         population=population,
         archive=archive,
+        set_aside=state.set_aside,
         times_refined=_counted(state, proposals),
         best_refined=_best_refined(state.best_refined, refined),
         counts=_counts(state.counts, evolved, refined, refinements.polished),
     )
     events = _refinement_events(state, evolved.population, refined, written.slots)
     return after, replace(_events(evolved, refinements), refinements=events, redraws=redraws)
+
+
+def _anew(problem: Problem, state: SearchState, generation: int) -> tuple[SearchState, Events]:
+    """Begin anew with another random population; the archive so far is set aside."""
+    evolved = first_population(problem, generation)
+    archive = offer(problem, Archive(), leaders(evolved.population, problem.config.archive.max_nodes))
+    after = replace(
+        state,
+        generation=generation,
+        population=evolved.population,
+        archive=archive,
+        set_aside=(*state.set_aside, state.archive),
+        times_refined={},
+        counts=_counts(state.counts, evolved, [], 0),
+    )
+    return after, replace(_events(evolved, Refinements()), begins_anew=True)
 
 
 def _proposals(

@@ -264,7 +264,7 @@ class TestOnceMore:
         before = backend.counted.copy()
         after = refine_once_more(problem, state)
         assert [one.tree for one in after.archive.members] == [POOR, GOOD]
-        assert after.archive.of_size(2)[0].origin == POLISH
+        assert after.archive.of_size(2)[0].origin == REFINEMENT, "it is the refiner, since there is no polish"
         assert [one.tree for one in state.archive.members] == [POOR]
         assert set(backend.counted - before) == {FINAL, ARCHIVE}
         assert after.population is state.population
