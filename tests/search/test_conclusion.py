@@ -26,7 +26,7 @@ from problems_for_tests import (
 from ge_torchrl.environments.backend import Limit, LimitReachedError
 from ge_torchrl.ge.encoding import snap
 from ge_torchrl.refiners.protocol import Effort
-from ge_torchrl.search.archive import ARCHIVE, POLISH, POPULATION, REFINEMENT, Archive, offer
+from ge_torchrl.search.archive import ARCHIVE, POPULATION, REFINEMENT, Archive, offer
 from ge_torchrl.search.conclusion import (
     FINAL,
     TEST,
