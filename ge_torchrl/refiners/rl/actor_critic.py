@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Final, Protocol, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
 
 import torch
+from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torch.distributions import Categorical, Distribution
-from torchrl.modules import ProbabilisticActor, ValueOperator
+from torchrl.modules import ProbabilisticActor
 
 from ge_torchrl.refiners.rl.ddt import DDT, columns_of
 
@@ -32,6 +33,8 @@ class ValueNetworks(nn.Module):
         generators: [R], each draws the first weights of its network, as `torch.nn.Linear` does.
 
     Attributes:
+        numbers: [R, N] float32 parameter, weights and biases of all layers in their order: one tensor is quickly
+            stepped and checked.
         feature_mean: [R, D, 1] buffer, 0 unless standardised.
         feature_spread: [R, D, 1] buffer, 1 unless standardised.
         value_mean: [R, 1, 1] buffer, 0 unless standardised.
@@ -45,14 +48,9 @@ class ValueNetworks(nn.Module):
 
     def __init__(self, n_features: int, hidden: Sequence[int], generators: Sequence[torch.Generator]) -> None:
         super().__init__()
-        widths = [n_features, *hidden, 1]
-        layers = [_first_weights(widths, generator) for generator in generators]
-        self.weights = nn.ParameterList(
-            torch.stack([own[i][0] for own in layers]) for i in range(len(widths) - 1)
-        )
-        self.biases = nn.ParameterList(
-            torch.stack([own[i][1] for own in layers]) for i in range(len(widths) - 1)
-        )
+        # The shapes of weights [H_i, H_(i-1)] and biases [H_i, 1].
+        self._shapes = [shape for n, m in pairwise([n_features, *hidden, 1]) for shape in ((m, n), (m, 1))]
+        self.numbers = nn.Parameter(torch.stack([_first_numbers(self._shapes, own) for own in generators]))
         n_trees = len(generators)
         self.register_buffer("feature_mean", torch.zeros(n_trees, n_features, 1))
         self.register_buffer("feature_spread", torch.ones(n_trees, n_features, 1))
@@ -63,10 +61,16 @@ class ValueNetworks(nn.Module):
         """Return the values [*S, 1] of observations [*S, D], whose rows are `R` equal runs."""
         columns = columns_of(observation, len(self.value_mean), self.value_mean.dtype)
         columns = (columns - self.feature_mean) / self.feature_spread
-        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+        for i, (weight, bias) in enumerate(self.layers()):
             columns = torch.baddbmm(bias, weight, columns if i == 0 else columns.relu_())
         value: Tensor = self.value_mean + self.value_spread * columns
         return value.reshape(*observation.shape[:-1], 1)
+
+    def layers(self) -> list[tuple[Tensor, Tensor]]:
+        """Return the weights [R, H_i, H_(i-1)] and biases [R, H_i, 1] of each layer."""
+        parts = self.numbers.split([m * n for m, n in self._shapes], 1)
+        tensors = [part.view(-1, *shape) for part, shape in zip(parts, self._shapes, strict=True)]
+        return list(zip(tensors[::2], tensors[1::2], strict=True))
 
     def standardise_features(self, mean: Tensor, spread: Tensor) -> None:
         """Count features from `mean` [R, D] in units of `spread` [R, D], above 0."""
@@ -77,6 +81,18 @@ class ValueNetworks(nn.Module):
         """Count values from `mean` [R] in units of `spread` [R], above 0."""
         self.value_mean.copy_(mean.view(-1, 1, 1))
         self.value_spread.copy_(spread.view(-1, 1, 1))
+
+
+class DirectModule(TensorDictModule):  # type: ignore[misc]
+    """A `TensorDictModule` of one input and one output, which asks of neither whether it might be something else.
+
+    That takes a tenth of a gradient step of one tree.
+    """
+
+    def forward(self, tensordict: TensorDictBase, **_: Any) -> TensorDictBase:
+        """Write the output to the samples."""
+        tensordict.set(self.out_keys[0], self.module(tensordict.get(self.in_keys[0])))
+        return tensordict
 
 
 class Draws(Protocol):
@@ -135,7 +151,7 @@ def make_actor(ddt: DDT, draws: Draws | None = None) -> ProbabilisticActor:
         draws: As of `LogCategorical`.
     """
     return ProbabilisticActor(
-        TensorDictModule(ddt, in_keys=["observation"], out_keys=["logits"]),
+        DirectModule(ddt, in_keys=["observation"], out_keys=["logits"]),
         in_keys=["logits"],
         out_keys=["action"],
         distribution_class=LogCategorical,
@@ -144,17 +160,16 @@ def make_actor(ddt: DDT, draws: Draws | None = None) -> ProbabilisticActor:
     )
 
 
-def make_critic(networks: ValueNetworks) -> ValueOperator:
+def make_critic(networks: ValueNetworks) -> TensorDictModule:
     """Build the critic, which reads `observation` and writes `state_value` [*S, 1]."""
-    return ValueOperator(networks, in_keys=["observation"])
+    return DirectModule(networks, in_keys=["observation"], out_keys=["state_value"])
 
 
-def _first_weights(widths: Sequence[int], generator: torch.Generator) -> list[tuple[Tensor, Tensor]]:
-    """Draw weights [H_i, H_(i-1)] and biases [H_i, 1] of one network's layers, uniform within 1 / sqrt(H_(i-1))."""
-    layers = []
-    for n_in, n_out in pairwise(widths):
+def _first_numbers(shapes: Sequence[tuple[int, int]], generator: torch.Generator) -> Tensor:
+    """Draw the numbers [N] of one network: those of a layer with n inputs are uniform within 1 / sqrt(n)."""
+    numbers = []
+    for (n_out, n_in), bias in zip(shapes[::2], shapes[1::2], strict=True):
         bound = 1 / math.sqrt(n_in)
-        weight = torch.empty(n_out, n_in).uniform_(-bound, bound, generator=generator)
-        bias = torch.empty(n_out, 1).uniform_(-bound, bound, generator=generator)
-        layers.append((weight, bias))
-    return layers
+        for size in (n_out * n_in, math.prod(bias)):
+            numbers.append(torch.empty(size).uniform_(-bound, bound, generator=generator))
+    return torch.cat(numbers)

@@ -21,8 +21,8 @@ from ge_torchrl.trees.tree import DecisionTree
 
 _Number = TypeVar("_Number", bound=np.generic)
 
-# sigma(-1e30) is 0 in any precision, so nothing is lost where the argument of a sigmoid ends here; without an end,
-# a far threshold would give -inf, and 0 * -inf on the paths that do not pass it.
+# sigma(-1e30) is 0 in any precision, so nothing is lost where the argument of a sigmoid ends; without an end, a far
+# threshold would give -inf, and 0 * -inf on the paths that do not pass it.
 _LARGEST_LOGIT = 1e30
 # The gradient of a logarithm is finite from here on, whatever float32 factors follow.
 _LEAST_PROBABILITY = 1e-30
@@ -111,14 +111,15 @@ class DDT(nn.Module):
         weights = self._leaf_weights(observed)
         # The softmax of a padded leaf is put to 0: it takes neither mass nor gradient.
         of_leaf = self.leaf_logits.softmax(-1) * self.is_leaf
-        probabilities = torch.bmm(of_leaf.mT, weights)
-        logits = probabilities.clamp_min(_LEAST_PROBABILITY).log()
+        logits = torch.bmm(of_leaf.mT, weights).clamp_min(_LEAST_PROBABILITY).log()
         return logits.mT.reshape(*observation.shape[:-1], -1)
 
     def _leaf_weights(self, observed: Tensor) -> Tensor:
         """Return the weights [R, L, T] of the leaves from the features [R, M, T] that the splits ask for."""
-        steepness = self.alpha / self.scale.unsqueeze(-1)
-        beyond = ((observed - self.origin.unsqueeze(-1)) * steepness).clamp_(-_LARGEST_LOGIT, _LARGEST_LOGIT)
+        steepness = (self.alpha / self.scale).unsqueeze(-1)
+        beyond = (
+            (observed - self.origin.unsqueeze(-1)).mul_(steepness).clamp_(-_LARGEST_LOGIT, _LARGEST_LOGIT)
+        )
         logit = self.alpha * self.threshold.unsqueeze(-1) - beyond
         log_left = functional.logsigmoid(logit)
         weights = torch.baddbmm(torch.bmm(self.is_left, log_left), self.is_right, log_left - logit).exp()
@@ -127,7 +128,9 @@ class DDT(nn.Module):
             weights = weights + (self._hard_weights(observed) - weights).detach()
         return weights
 
+    @torch.no_grad()
     def _hard_weights(self, observed: Tensor) -> Tensor:
+        """Return 1 for the leaf that the hard tree reaches and 0 for the others, [R, L, T]."""
         goes_left = (observed < self.thresholds().unsqueeze(-1)).to(observed.dtype)
         wrong_turns = torch.bmm(self.is_left, 1 - goes_left) + torch.bmm(self.is_right, goes_left)
         return (wrong_turns == 0).to(observed.dtype)

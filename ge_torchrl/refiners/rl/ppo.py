@@ -6,25 +6,28 @@ own losses, and Adam and RMSprop act entry by entry: each tree is trained as if 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
-from torch.nn.utils import get_total_norm
 from torchrl.modules import ProbabilisticActor
-from torchrl.objectives import ClipPPOLoss
 
 from ge_torchrl.config import PPOConfig
 from ge_torchrl.refiners.protocol import TrainingRecord
 from ge_torchrl.refiners.rl.actor_critic import ValueNetworks, make_critic
 from ge_torchrl.refiners.rl.advantages import ScanGAE
 from ge_torchrl.refiners.rl.ddt import DDT
+from ge_torchrl.refiners.rl.loss import TreesPPOLoss
 from ge_torchrl.refiners.rl.samples import Source, last_returns
 
-_OPTIMIZERS = {"rmsprop": torch.optim.RMSprop, "adam": torch.optim.Adam}
+# Each in the form that is quickest for few tensors.
+_OPTIMIZERS = {
+    "adam": partial(torch.optim.Adam, fused=True),
+    "rmsprop": partial(torch.optim.RMSprop, foreach=False),
+}
 
 
 def train(
@@ -54,6 +57,7 @@ def train(
         [R] what was done to each tree, and how it ended.
     """
     with _one_thread():
+        _keep_freed_memory()
         learner = Learner(ddt, actor, networks, config)
         n_updates = max_timesteps // config.update_timesteps
         if config.standardise and n_updates > 0:
@@ -80,6 +84,12 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
+def _keep_freed_memory() -> None:
+    # The C library of Linux gives large blocks back to the system, and a gradient step then waits for their pages, by
+    # up to a third of its time; not so up to the size of the largest block that was freed before, 32 MB at most.
+    torch.empty(8_000_000)
+
+
 class Learner:
     """Loss and optimiser of `R` trees in training, and which of them are still trained.
 
@@ -102,25 +112,14 @@ class Learner:
         self._networks = networks
         critic = make_critic(networks)
         self._advantages = ScanGAE(gamma=config.gamma, lmbda=config.gae_lambda, value_network=critic)
-        self._loss = ClipPPOLoss(
-            actor,
-            critic,
-            clip_epsilon=config.clip_epsilon,
-            entropy_coeff=config.entropy_coeff,
-            critic_coeff=config.critic_coeff,
-            loss_critic_type="l2",
-            normalize_advantage=True,
-            normalize_advantage_exclude_dims=(0,),
-            reduction="none",
-            functional=False,
-            log_explained_variance=False,  # Nobody reads it, and it is one part in twenty of a gradient step.
+        self._loss = TreesPPOLoss(
+            actor, critic, config.clip_epsilon, config.entropy_coeff, config.critic_coeff
         )
         of_trees, of_critics = list(ddt.parameters()), list(networks.parameters())
         self._parameters = [*of_trees, *of_critics]
         self._before = [p.detach().clone() for p in self._parameters]
         self._optimizer = _OPTIMIZERS[config.optimizer](
-            [{"params": of_trees, "lr": config.lr_actor}, {"params": of_critics, "lr": config.lr_critic}],
-            foreach=True,
+            [{"params": of_trees, "lr": config.lr_actor}, {"params": of_critics, "lr": config.lr_critic}]
         )
         # One order of samples for all trees and all trainings: it says nothing about what is in them.
         self._shuffler = torch.Generator().manual_seed(0)
@@ -128,11 +127,10 @@ class Learner:
         self._all_alive = True
         self._failures: list[str | None] = [None] * ddt.num_trees
         self._timesteps = self._updates = 0
-        self._gradient_steps = [0] * ddt.num_trees
-        self._updates_of = [0] * ddt.num_trees
-        nothing_yet = torch.full((ddt.num_trees,), torch.nan)
-        self._soft_returns = nothing_yet.double()
-        self._losses = dict.fromkeys(("actor_loss", "critic_loss"), nothing_yet)
+        self._gradient_steps = torch.zeros(ddt.num_trees, dtype=torch.int64)
+        self._updates_of = torch.zeros(ddt.num_trees, dtype=torch.int64)
+        self._soft_returns = torch.full((ddt.num_trees,), torch.nan, dtype=torch.float64)
+        self._losses: TensorDict | None = None
         self._batch: TensorDict | None = None
 
     @torch.no_grad()
@@ -157,7 +155,7 @@ class Learner:
         """Train on one batch of samples [R, T] or [R, K, T]: all epochs of an update."""
         self._timesteps += samples.batch_size[1:].numel()
         self._updates += 1
-        # Checked first: at an entropy that is no number TorchRL would turn to sampling, and raise.
+        # Checked first, to say what it is.
         self._bury(~_all_finite(samples["observation"], samples["next", "observation"]), "an observation")
         self._bury(~_all_finite(samples["next", "reward"]), "a reward")
         self._batch = self._prepared(samples)
@@ -167,16 +165,15 @@ class Learner:
 
     def records(self) -> list[TrainingRecord]:
         """Return what was done to each tree, [R]."""
-        columns = {**self._losses, **self._policy_after()}
-        values = {name: column.tolist() for name, column in columns.items()}
+        of_policy = {name: values.tolist() for name, values in self._last_values().items()}
         return [
             TrainingRecord(
                 timesteps=self._timesteps,
-                updates=self._updates_of[tree],
-                gradient_steps=self._gradient_steps[tree],
+                updates=int(self._updates_of[tree]),
+                gradient_steps=int(self._gradient_steps[tree]),
                 soft_return=float(self._soft_returns[tree]),
                 failure=failure,
-                **({name: of_trees[tree] for name, of_trees in values.items()} if failure is None else {}),
+                **({name: values[tree] for name, values in of_policy.items()} if failure is None else {}),
             )
             for tree, failure in enumerate(self._failures)
         ]
@@ -187,8 +184,7 @@ class Learner:
         returns = torch.from_numpy(last_returns(samples))
         is_new = self.alive & returns.isfinite()
         self._soft_returns = torch.where(is_new, returns, self._soft_returns)
-        for tree in self._indices(self.alive):
-            self._updates_of[tree] += 1
+        self._updates_of += self.alive
         if not self._all_alive:
             self._silence(samples)
         self._advantages(samples)
@@ -212,21 +208,19 @@ class Learner:
 
     def _step(self, batch: TensorDict) -> None:
         """Take one gradient step on these samples."""
-        losses = self._loss(batch)
-        objective, of_critic = losses["loss_objective"].mean(1), losses["loss_critic"].mean(1)
-        own = objective + of_critic + losses["loss_entropy"].mean(1)
-        self._optimizer.zero_grad()
-        (own if self._all_alive else torch.where(self.alive, own, 0.0)).sum().backward()
-        gradients = [p.grad for p in self._parameters if p.grad is not None]
-        if not _is_finite([own, *gradients]):
-            self._bury(~own.isfinite(), "the loss")
-            self._bury(~_all_finite(*gradients), "a gradient")
+        self._losses = self._loss(batch)
+        own = self._losses["loss_objective"] + self._losses["loss_critic"] + self._losses["loss_entropy"]
+        for parameter in self._parameters:
+            parameter.grad = None
+        alive = own if self._all_alive else torch.where(self.alive.unsqueeze(-1), own, 0.0)
+        (alive.sum() / own.shape[1]).backward()  # type: ignore[no-untyped-call]
         self._optimizer.step()
-        if not _is_finite(self._parameters):
+        # What was not finite in a tree's loss or gradient is now in its parameters, and in no other tree's.
+        if not _is_finite([own, *self._parameters]):
+            self._bury(~_all_finite(own), "the loss")
+            self._bury(~_all_finite(*(p.grad for p in self._parameters if p.grad is not None)), "a gradient")
             self._bury(~_all_finite(*self._parameters), "a parameter")
-        for tree in self._indices(self.alive):
-            self._gradient_steps[tree] += 1
-        self._losses = {"actor_loss": objective.detach(), "critic_loss": of_critic.detach()}
+        self._gradient_steps += self.alive
 
     @torch.no_grad()
     def _bury(self, failed: Tensor, what: str) -> None:
@@ -255,14 +249,16 @@ class Learner:
             values[~self.alive] = 0
 
     @torch.no_grad()
-    def _policy_after(self) -> dict[str, Tensor]:
-        """Return the entropy of the policies as they are, and how far they are from those that sampled, [R] each."""
-        if self._batch is None:
+    def _last_values(self) -> dict[str, Tensor]:
+        """Return the losses of the last step, and what has become of the policies that sampled, [R] each."""
+        if self._batch is None or self._losses is None:
             return {}
         now = self._actor.get_dist(self._batch)
         ratio = now.log_prob(self._batch["action"]) - self._batch["action_log_prob"]
         is_clipped = (ratio.exp() - 1).abs() > self._config.clip_epsilon
         return {
+            "actor_loss": self._losses["loss_objective"].mean(1),
+            "critic_loss": self._losses["loss_critic"].mean(1),
             "entropy": now.entropy().mean(1),
             "clip_fraction": is_clipped.float().mean(1),
             "kl": -ratio.mean(1),
@@ -288,5 +284,5 @@ def _all_finite(*tensors: Tensor) -> Tensor:
 
 
 def _is_finite(tensors: Iterable[Tensor]) -> bool:
-    # The largest magnitude is finite exactly where all entries are.
-    return bool(get_total_norm(tensors, math.inf).isfinite())
+    # A sum is finite only where all entries are. Large ones may overflow, which costs no more than a closer look.
+    return bool(torch.stack([tensor.sum() for tensor in tensors]).sum().isfinite())

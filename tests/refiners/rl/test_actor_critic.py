@@ -69,14 +69,14 @@ def test_given_numbers_decide_actions_by_their_place_among_the_probabilities():
 
 def test_critics_are_relu_networks_of_the_hidden_widths_each_with_weights_of_its_own():
     stacked = networks()
-    assert [tuple(p.shape) for p in stacked.weights] == [(3, 5, 4), (3, 7, 5), (3, 1, 7)]
-    assert [tuple(p.shape) for p in stacked.biases] == [(3, 5, 1), (3, 7, 1), (3, 1, 1)]
+    shapes = [(tuple(weight.shape), tuple(bias.shape)) for weight, bias in stacked.layers()]
+    assert shapes == [((3, 5, 4), (3, 5, 1)), ((3, 7, 5), (3, 7, 1)), ((3, 1, 7), (3, 1, 1))]
     observed = observation(3, 6, n_features=4)
     output = make_critic(stacked)(TensorDict({"observation": observed}, [3, 6]))["state_value"]
     assert output.shape == (3, 6, 1)
     for row in range(3):
         columns = observed[row]
-        for i, (weight, bias) in enumerate(zip(stacked.weights, stacked.biases, strict=True)):
+        for i, (weight, bias) in enumerate(stacked.layers()):
             columns = torch.nn.functional.linear(
                 columns if i == 0 else columns.relu(), weight[row], bias[row, :, 0]
             )
@@ -89,7 +89,7 @@ def test_a_critic_may_have_no_hidden_layer():
 
 def test_first_weights_are_those_of_torchs_layers():
     """Uniform within one over the root of the number of inputs."""
-    weight, bias = networks(range(200), hidden=(16,)).weights[1], networks(range(200), hidden=(16,)).biases[1]
+    weight, bias = networks(range(200), hidden=(16,)).layers()[1]
     for values in (weight, bias):
         assert values.abs().max() <= 0.25
         assert values.std().item() == pytest.approx(0.25 / np.sqrt(3), rel=0.1)

@@ -36,7 +36,7 @@ def constant_critic(value):
     with torch.no_grad():
         for parameter in networks.parameters():
             parameter.zero_()
-        networks.biases[-1].fill_(value)
+        networks.layers()[-1][1].fill_(value)
     return make_critic(networks)
 
 

@@ -79,7 +79,7 @@ def naive_parameters(tree, seed, settings):
     logits = start.leaf_logits[0].detach().clone().requires_grad_()
     layers = [
         (weight[0].detach().clone().requires_grad_(), bias[0, :, 0].detach().clone().requires_grad_())
-        for weight, bias in zip(networks.weights, networks.biases, strict=True)
+        for weight, bias in networks.layers()
     ]
     optimizer = torch.optim.Adam(
         [
@@ -130,8 +130,7 @@ def naive_parameters(tree, seed, settings):
             (-gain - bonus * entropy + error).backward()
             optimizer.step()
     numbers = {"threshold": moves, "leaf_logits": logits[: tree.num_leaves]}
-    for i, (weight, bias) in enumerate(layers):
-        numbers[f"weights.{i}"], numbers[f"biases.{i}"] = weight, bias.unsqueeze(1)
+    numbers["numbers"] = torch.cat([p.flatten() for layer in layers for p in layer])
     return {name: number.detach() for name, number in numbers.items()}
 
 
