@@ -76,7 +76,7 @@ class PPOConfig(Section):
     )
     critic_coeff: float = setting(0.5, at_least=0.0, doc="Weight of the value loss.")
     critic_hidden: tuple[int, ...] = setting(
-        (16, 16),
+        (32, 32),
         at_least=1,
         because="it counts units of a layer",
         doc="Widths of the critic's hidden layers.",
