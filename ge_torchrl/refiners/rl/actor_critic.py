@@ -68,7 +68,7 @@ class ValueNetworks(nn.Module):
 
     def layers(self) -> list[tuple[Tensor, Tensor]]:
         """Return the weights [R, H_i, H_(i-1)] and biases [R, H_i, 1] of each layer."""
-        parts = self.numbers.split([m * n for m, n in self._shapes], 1)
+        parts = torch.split(self.numbers, [m * n for m, n in self._shapes], 1)
         tensors = [part.view(-1, *shape) for part, shape in zip(parts, self._shapes, strict=True)]
         return list(zip(tensors[::2], tensors[1::2], strict=True))
 
@@ -170,6 +170,6 @@ def _first_numbers(shapes: Sequence[tuple[int, int]], generator: torch.Generator
     numbers = []
     for (n_out, n_in), bias in zip(shapes[::2], shapes[1::2], strict=True):
         bound = 1 / math.sqrt(n_in)
-        for size in (n_out * n_in, math.prod(bias)):
-            numbers.append(torch.empty(size).uniform_(-bound, bound, generator=generator))
+        n_numbers = n_out * n_in + math.prod(bias)
+        numbers.append(torch.empty(n_numbers).uniform_(-bound, bound, generator=generator))
     return torch.cat(numbers)

@@ -6,7 +6,7 @@ own losses, and Adam and RMSprop act entry by entry: each tree is trained as if 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 
@@ -24,7 +24,7 @@ from ge_torchrl.refiners.rl.loss import TreesPPOLoss
 from ge_torchrl.refiners.rl.samples import Source, last_returns
 
 # Each in the form that is quickest for few tensors.
-_OPTIMIZERS = {
+_OPTIMIZERS: Mapping[str, Callable[..., torch.optim.Optimizer]] = {
     "adam": partial(torch.optim.Adam, fused=True),
     "rmsprop": partial(torch.optim.RMSprop, foreach=False),
 }
@@ -213,7 +213,7 @@ class Learner:
         for parameter in self._parameters:
             parameter.grad = None
         alive = own if self._all_alive else torch.where(self.alive.unsqueeze(-1), own, 0.0)
-        (alive.sum() / own.shape[1]).backward()  # type: ignore[no-untyped-call]
+        (alive.sum() / own.shape[1]).backward()
         self._optimizer.step()
         # What was not finite in a tree's loss or gradient is now in its parameters, and in no other tree's.
         if not _is_finite([own, *self._parameters]):
