@@ -17,7 +17,7 @@ from ge_torchrl.environments.torchrl_env import make_torchrl_env
 from ge_torchrl.refiners.rl.actor_critic import make_actor
 from ge_torchrl.refiners.rl.ddt import DDT
 
-COPIES: Final = 4
+COPIES: Final = 8
 """Copies of the environment for each tree; a constant, so that a tree's samples do not depend on who is beside it."""
 # About so many steps are made between two signs of life.
 _PIECE_STEPS = 2000

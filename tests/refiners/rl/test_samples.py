@@ -71,7 +71,7 @@ def test_both_have_one_layout_and_count_their_steps(opened, environment_id):
     for name in BACKENDS:
         source, _, backend = opened(name, observed_trees(environment_id, 3, seed=5), environment_id, LIMIT)
         samples = source.collect(40)
-        assert samples.batch_size == ((3, 40) if name == "kernel" else (3, 4, 10))
+        assert samples.batch_size == ((3, 40) if name == "kernel" else (3, 8, 5))
         layouts.append(layout(flat(samples)))
         assert backend.steps == {"refinement": 120}
     assert layouts[0] == layouts[1]
