@@ -38,6 +38,7 @@ def train(
     config: PPOConfig,
     max_timesteps: int,
     after_update: Callable[[], None] = lambda: None,
+    after_epoch: Callable[[], None] = lambda: None,
 ) -> list[TrainingRecord]:
     """Train trees in place, side by side.
 
@@ -52,6 +53,7 @@ def train(
         config: The hyperparameters.
         max_timesteps: Environment steps of each tree; what does not fill an update is not taken.
         after_update: Called after each update, to look at the trees as they then are.
+        after_epoch: Called after each pass over the samples of an update; it may raise, to end the training.
 
     Returns:
         [R] what was done to each tree, and how it ended.
@@ -65,7 +67,7 @@ def train(
             n_updates -= 1
         for update in range(n_updates):
             learner.set_entropy_coeff(update / max(n_updates - 1, 1))
-            learner.update(source.collect(config.update_timesteps))
+            learner.update(source.collect(config.update_timesteps), after_epoch)
             if not learner.alive.any():
                 break
             after_update()
@@ -151,7 +153,7 @@ class Learner:
         if last is not None:
             self._loss.entropy_coeff.fill_(first + (last - first) * progress)
 
-    def update(self, samples: TensorDict) -> None:
+    def update(self, samples: TensorDict, after_epoch: Callable[[], None] = lambda: None) -> None:
         """Train on one batch of samples [R, T] or [R, K, T]: all epochs of an update."""
         self._timesteps += samples.batch_size[1:].numel()
         self._updates += 1
@@ -162,6 +164,7 @@ class Learner:
         for _ in range(self._config.epochs):
             for minibatch in self._minibatches(self._batch):
                 self._step(minibatch)
+            after_epoch()
 
     def records(self) -> list[TrainingRecord]:
         """Return what was done to each tree, [R]."""

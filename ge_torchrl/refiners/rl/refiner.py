@@ -73,7 +73,9 @@ class PPORefiner:
         source = open_source(self._backend, ddt, actor, rngs, self._purpose)
         try:
             max_timesteps = effort.factor * effort.patience * config.max_timesteps
-            records = train(ddt, actor, networks, source, config, max_timesteps, snapshots.look)
+            # Gradient steps of large batches take seconds: the backend says meanwhile that the run goes on.
+            check = self._backend.ledger.check
+            records = train(ddt, actor, networks, source, config, max_timesteps, snapshots.look, check)
         finally:
             source.close()
         return [

@@ -146,6 +146,13 @@ def test_a_limit_ends_a_training(backend):
         refined(backend)
 
 
+def test_a_sign_of_life_is_given_between_epochs(backend, monkeypatch):
+    checks = []
+    monkeypatch.setattr(backend.ledger, "check", lambda: checks.append(1))
+    refined(backend, [WRONG], replace(LITTLE, snapshot_episodes=0))
+    assert len(checks) >= 9
+
+
 def test_gymnasium_is_refined_through_torchrl():
     backend = GymnasiumBackend(describe("CartPole-v1", max_episode_steps=50), 1)
     settings = replace(LITTLE, max_timesteps=400, update_timesteps=100, snapshot_episodes=1)
