@@ -139,7 +139,7 @@ def test_template_names_every_key_and_check_key_knows_them():
     assert keys["env"]["id"] == "???"
     assert keys["evaluation"]["episode_seeds"] == "common"
     assert keys["evaluation"]["validation_episodes"] is None, "it follows the speed"
-    assert keys["refiner"]["ppo"]["critic_hidden"] == [16, 16]
+    assert keys["refiner"]["ppo"]["critic_hidden"] == [32, 32]
     for section, values in keys.items():
         check_key(section)
         for key in values if isinstance(values, dict) else ():

@@ -139,7 +139,14 @@ def test_other_spellings_of_a_value_are_stored_as_one(section, key, value, store
 
 @given(st.integers(2, 10**5), st.integers(1, 10**4), st.integers(1, 10**4), st.floats(0, 1))
 def test_everything_within_its_range_is_accepted(population_size, generations, genotype_length, probability):
-    config = GEConfig(population_size, generations, genotype_length, probability, probability, probability)
+    config = GEConfig(
+        population_size,
+        generations,
+        genotype_length,
+        gene_probability=probability,
+        crossover_probability=probability,
+        mutation_probability=probability,
+    )
     assert dataclasses.astuple(config)[:4] == (population_size, generations, genotype_length, probability)
 
 

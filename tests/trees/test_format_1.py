@@ -14,7 +14,7 @@ from strategies import trees
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.files import from_json, read_controller, to_json
 
-PUBLISHED = sorted((Path(__file__).parents[2] / "docs" / "trees").glob("*.json"))
+PUBLISHED = sorted((Path(__file__).parents[2] / "docs" / "trees").glob("thesis_*.json"))
 
 
 def content(**changes):
