@@ -17,7 +17,7 @@ from ge_torchrl.errors import ConfigError
             "ge",
             "population_size",
             1,
-            "ge.population_size must be an integer of at least 2 or null, because selection compares individuals; got 1",
+            "ge.population_size must be an integer of at least 2 or null, because selection compares .*; got 1",
         ),
         ("ge", "population_size", True, "ge.population_size must be an integer .* got True"),
         ("ge", "population_size", 2.5, "ge.population_size must be an integer .* got 2.5"),
