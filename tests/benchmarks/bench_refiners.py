@@ -14,6 +14,7 @@ Further arguments are settings of the run, such as refiner.ppo.max_timesteps=200
 import argparse
 import contextlib
 import io
+import logging
 import sys
 import time
 from collections.abc import Sequence
@@ -357,6 +358,8 @@ if __name__ == "__main__":
     parser.add_argument("--output", type=Path, help="a file for the tables, besides standard output")
     parser.add_argument("settings", nargs="*", metavar="key=value", help="settings of the run, for all rows")
     options = parser.parse_intermixed_args()
+    # What an environment observes outside its bounds is told by runs; here many backends would repeat it.
+    logging.getLogger("ge_torchrl").setLevel(logging.ERROR)
     options.trees = options.trees or (3 if options.quick else 20)
     options.episodes = options.episodes or (20 if options.quick else None)
     tables = []
