@@ -89,5 +89,7 @@ def test_without_restarts_nothing_changes(opened):
 
 
 def test_more_starts_than_generations_are_refused():
-    with pytest.raises(ConfigError, match=r"^ge.restarts must be at most 3 with ge.generations=5, because each"):
+    with pytest.raises(
+        ConfigError, match=r"^ge.restarts must be at most 3 with ge.generations=5, because each"
+    ):
         GEConfig(generations=5, restarts=4)
