@@ -164,6 +164,7 @@ class Backend(Protocol):
     Attributes:
         name: "kernel" or "gymnasium".
         spec: The environment.
+        workers: Worker processes that were asked for; 0 leaves it to whoever steps the environment.
         ledger: Where others count the steps that they make in the environment by themselves.
         limit: How far the run may go; None for no limit.
         on_steps: Called with the number of all steps so far, every second or more often while steps are made.
@@ -171,6 +172,7 @@ class Backend(Protocol):
 
     name: str
     spec: EnvironmentSpec
+    workers: int
     ledger: Ledger
     limit: Limit | None
     on_steps: Callable[[int], None]

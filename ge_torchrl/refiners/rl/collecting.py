@@ -69,7 +69,7 @@ class CollectorSource:
         of_copies = [rng for own in self._rngs for rng in own.spawn(copies)]
         self._draws = Draws([own.spawn(1)[0] for own in self._rngs], copies)
         self._collector = Collector(
-            make_torchrl_env(self._backend.spec, len(of_copies), of_copies),
+            make_torchrl_env(self._backend.spec, len(of_copies), of_copies, self._backend.workers),
             make_actor(self._ddt, self._draws),
             frames_per_batch=piece * len(of_copies),
             total_frames=-1,
