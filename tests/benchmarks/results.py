@@ -175,21 +175,22 @@ def _by_size(methods: Iterable[EvaluatedMethod]) -> Table:
 
 
 def _by_seed(methods: Iterable[EvaluatedMethod]) -> Table:
-    table = None
-    for method in methods:
-        rows = [
+    """Return a row a seed, with a blank where an environment has no run of it."""
+    ran = [(method.environment, {run.row.seed: run.row for run in method.runs}) for method in methods]
+    seeds = sorted({seed for _, rows in ran for seed in rows})
+    table = Table.of(["seed"], [[str(seed)] for seed in seeds])
+    for environment, rows in ran:
+        cells = [
             [
-                str(run.row.decision_nodes),
-                f"{run.row.mean:.2f} ± {run.row.std:.2f}",
-                f"{run.row.wall_seconds:.0f}",
+                str(rows[seed].decision_nodes),
+                f"{rows[seed].mean:.2f} ± {rows[seed].std:.2f}",
+                f"{rows[seed].wall_seconds:.0f}",
             ]
-            for run in method.runs
+            if seed in rows
+            else [""] * 3
+            for seed in seeds
         ]
-        columns = Table.of([f"{method.environment}: nodes", "mean ± sd", "s"], rows)
-        seeds = Table.of(["seed"], [[str(run.row.seed)] for run in method.runs])
-        table = (table or seeds).beside(columns)
-    if table is None:
-        raise ValueError("there must be runs of an environment at least")
+        table = table.beside(Table.of([f"{environment}: nodes", "mean ± sd", "s"], cells))
     return table
 
 
