@@ -27,7 +27,7 @@ import yaml
 from ge_torchrl.artefacts.lines import RecordWriter, read_record, read_records, to_json
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.artefacts.texts import read_text, told_of, write_text, write_whole
-from ge_torchrl.config import Config
+from ge_torchrl.config import Config, without_gone
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.files import read_controller, write_controller
@@ -108,7 +108,7 @@ class RunFolder:
         write_text(self.path / SUMMARY, to_json(summary, indent=2))
 
     def read_config(self) -> Config:
-        """Read the configuration.
+        """Read the configuration; keys that are gone since are left out.
 
         Raises:
             ArtefactError: There is none, or it is not YAML.
@@ -118,7 +118,7 @@ class RunFolder:
             values = yaml.safe_load(read_text(self.path / CONFIG))
         except yaml.YAMLError as error:
             raise ArtefactError(f"{self.path / CONFIG} is not YAML: {error}") from error
-        return Config.from_mapping(values)
+        return Config.from_mapping(without_gone(values))
 
     def read_history(self) -> list[GenerationRecord]:
         """Read all generations.

@@ -1,7 +1,8 @@
 """The keys that users type: which there are, and what became of those that are gone."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from ge_torchrl.errors import ConfigError
 
@@ -26,8 +27,13 @@ _GONE = {
     "ge.elites": "an offspring takes its parent's place only if it is fitter, so the best one stays",
     "ge.replacement": "an offspring takes its parent's place if it is fitter",
     "ge.single_choice_consumes": "a rule with a single production reads no codon",
+    "polish.max_seconds": "polish.max_timesteps is the budget, by which two runs of one seed are the same",
+    "refiner.acceptance_errors": "a refined tree has to be better by three standard errors",
+    "refiner.best_probability": "the best tree is drawn as often as a random one",
     "refiner.probability": "every tree that is chosen is refined",
     "refiner.ppo.alpha_final": "refiner.ppo.alpha holds from the first update to the last",
+    "refiner.ppo.critic_coeff": "refiner.ppo.lr_critic is the critic's own learning rate",
+    "refiner.ppo.leaf_sd": "leaves are always drawn with the thesis' deviation of 0.1",
     "refiner.ppo.lr_thresholds": "refiner.ppo.lr_actor is the learning rate of the whole tree",
 }
 
@@ -60,6 +66,16 @@ def check_key(key: str, known: Iterable[str]) -> None:
     similar = difflib.get_close_matches(key, siblings or names, n=3, cutoff=0.75)
     expected = similar or siblings or [name for name in names if "." not in name]
     raise ConfigError(f"{key} is unknown; expected a key of a run, such as {', '.join(expected)}; got {key}")
+
+
+def without_gone(values: Any, section: str = "") -> Any:
+    """Return nested plain values without the keys that are gone, as the files of earlier runs have them."""
+    if not isinstance(values, Mapping):
+        return values
+    keys = {name: f"{section}.{name}" if section else str(name) for name in values}
+    return {
+        name: without_gone(value, keys[name]) for name, value in values.items() if keys[name] not in _GONE
+    }
 
 
 def check_group(group: str) -> None:

@@ -74,7 +74,6 @@ class PPOConfig(Section):
         at_least=0.0,
         doc="Weight of the entropy bonus in the last update, reached linearly; null keeps `entropy_coeff`.",
     )
-    critic_coeff: float = setting(0.5, at_least=0.0, doc="Weight of the value loss.")
     critic_hidden: tuple[int, ...] = setting(
         (32, 32),
         at_least=1,
@@ -82,9 +81,6 @@ class PPOConfig(Section):
         doc="Widths of the critic's hidden layers.",
     )
     alpha: float = setting(5.0, above=0.0, doc="Steepness of the soft decisions.")
-    leaf_sd: float = setting(
-        0.1, at_least=0.0, doc="Standard deviation of the noise on the leaves of a softened tree."
-    )
     leaf_logit: float | None = setting(
         4.0,
         above=0.0,
@@ -147,12 +143,6 @@ class PolishConfig(Section):
         at_least=1,
         because="trees are measured by their steps in the environment",
         doc="Environment steps of one tree's search.",
-    )
-    max_seconds: float | None = setting(
-        None,
-        above=0.0,
-        doc="Clock time of one tree's search, instead of `max_timesteps`; null counts steps. By the clock two runs of "
-        "one seed differ.",
     )
     episodes: int = setting(
         40,
@@ -217,16 +207,13 @@ class RefinerConfig(Section):
         "each_size",
         choices=("each_size", "best_or_random"),
         doc="Which ones: `each_size`: the fittest of every number of decision nodes, those first whose structure was "
-        "refined least often; `best_or_random`: one of the best and a random one, as in the thesis.",
+        "refined least often; `best_or_random`: the best or a random one, as likely, as in the thesis.",
     )
     min_nodes: int = setting(
         2,
         at_least=1,
         because="a lone leaf has nothing to refine",
         doc="Decision nodes of the smallest trees that are refined.",
-    )
-    best_probability: float = probability(
-        0.5, doc="Probability that the first of `best_or_random` is the best tree."
     )
     simplify: bool = setting(
         True,
@@ -237,11 +224,8 @@ class RefinerConfig(Section):
         at_least=0,
         because="it counts episodes; 0 accepts every tree",
         dear=60,
-        doc="Unseen episodes on which a refined tree has to be better, or its source comes back as it was; 0 accepts "
-        "every tree, as in the thesis.",
-    )
-    acceptance_errors: float = setting(
-        3.0, at_least=0.0, doc="Standard errors of the mean difference by which it has to be better."
+        doc="Unseen episodes on which a refined tree has to be better by three standard errors of the mean "
+        "difference, or its source comes back as it was; 0 accepts every tree, as in the thesis.",
     )
     measuring_episodes: int = setting(
         100,

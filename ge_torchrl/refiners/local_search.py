@@ -8,7 +8,6 @@ how far features spread. All trials of one tree are measured on the same episode
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from functools import partial
 from typing import Final
@@ -37,7 +36,7 @@ class LocalSearch:
 
     Args:
         backend: Measures trees, and counts its steps.
-        config: The budget of one tree, in environment steps or seconds, and the episodes.
+        config: The budget of one tree, in environment steps, and the episodes.
         purpose: What the backend counts the steps under.
     """
 
@@ -80,11 +79,7 @@ class _Search:
         self._rng = rng
         self._first_step = effort.step * config.first_step
         self._moves = config.moves
-        factor = effort.factor * effort.patience
-        self._max_timesteps = factor * config.max_timesteps
-        self._deadline = (
-            math.inf if config.max_seconds is None else time.perf_counter() + factor * config.max_seconds
-        )
+        self._max_timesteps = effort.factor * effort.patience * config.max_timesteps
         self._seeds = episode_seeds("training", effort.factor * config.episodes, rng)
         self._screening_seeds = self._seeds[: effort.factor * config.screening_episodes]
         self._timesteps = self._rounds = 0
@@ -102,8 +97,6 @@ class _Search:
         return Refined(self._tree, TrainingRecord(timesteps=self._timesteps, updates=self._rounds))
 
     def _is_over(self) -> bool:
-        if self._deadline < math.inf:
-            return time.perf_counter() >= self._deadline
         return self._timesteps >= self._max_timesteps
 
     def _returns(self, forest: Forest, seeds: NDArray[np.int64]) -> NDArray[np.float64]:

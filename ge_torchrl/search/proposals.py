@@ -30,6 +30,8 @@ INDIVIDUAL, NEIGHBOUR, KEPT = "individual", "neighbour", "archive"
 """The origins of a proposal."""
 NEIGHBOURS = "neighbours"
 """The purpose that steps of measuring neighbours are counted under."""
+# How often the thesis' draw takes the best tree (its section 3.3), not a random one.
+_BEST_PROBABILITY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +123,7 @@ def propose_individuals(
         individuals = of_each_size(population.fitness, forest, admitted, times_refined)[: settings.candidates]
     else:
         rng = stream(config.seed, f"candidates, generation {generation}")
-        individuals, chosen, redraws = best_or_random(
-            population.fitness, admitted, settings.best_probability, settings.candidates, rng
-        )
+        individuals, chosen, redraws = best_or_random(population.fitness, admitted, settings.candidates, rng)
     return Drawn(
         tuple(
             Proposal(
@@ -143,7 +143,6 @@ def propose_individuals(
 def best_or_random(
     fitness: Fitness,
     admitted: NDArray[np.bool_],
-    best_probability: float,
     n_candidates: int,
     rng: np.random.Generator,
 ) -> tuple[list[int], str, int]:
@@ -152,14 +151,13 @@ def best_or_random(
     Args:
         fitness: [P] float64.
         admitted: [P] bool, who may be refined.
-        best_probability: Probability that the first draw is the best tree.
         n_candidates: How many different individuals to choose; the others at random among all that may be refined.
         rng: Source of randomness.
 
     Returns:
         The individuals, none where the draws found none; what the first draw was, "best" or "random"; and redraws.
     """
-    chosen = "best" if rng.random() < best_probability else "random"
+    chosen = "best" if rng.random() < _BEST_PROBABILITY else "random"
     individual = int(np.argmax(fitness)) if chosen == "best" else int(rng.integers(len(fitness)))
     redraws = 0
     while not admitted[individual]:

@@ -29,6 +29,8 @@ IMPROVED, NOT_IMPROVED, FAILED = "improved", "not_improved", "failed"
 """The outcomes of a refinement."""
 MEASURING = "measuring"
 """The purpose that steps of acceptance and of measuring refined trees are counted under."""
+CLEARLY = 3.0
+"""Standard errors by which a refined tree has to be better; two let a worse one pass (docs/trials.md)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +235,7 @@ def _accepted(
     better = {
         i
         for i, old, new in zip(changed, old_returns, new_returns, strict=True)
-        if is_clearly_better(new, old, settings.acceptance_errors) and _is_fitter(problem, new, old)
+        if is_clearly_better(new, old, CLEARLY) and _is_fitter(problem, new, old)
     }
     return [new if i in better else old for i, (old, new) in enumerate(zip(before, after, strict=True))]
 

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from records_for_tests import generation, history, kept, refinement, skipped, summary
@@ -129,6 +130,17 @@ class TestMistakes:
         (folder.path / "summary.json").mkdir()
         with pytest.raises(ArtefactError, match=r"summary\.json cannot be written"):
             folder.write_summary(summary())
+
+    def test_a_configuration_of_before_is_read_without_what_is_gone(self, folder):
+        path = folder.path / "config.yaml"
+        values = yaml.safe_load(path.read_text())
+        values["refiner"] |= {"best_probability": 0.3, "ppo": values["refiner"]["ppo"] | {"leaf_sd": 0.2}}
+        config = folder.read_config()
+        path.write_text(yaml.safe_dump(values))
+        assert folder.read_config() == config
+        path.write_text(yaml.safe_dump(values | {"refiner": {"often": 3}}))
+        with pytest.raises(ConfigError, match=r"refiner\.often is unknown"):
+            folder.read_config()
 
     def test_what_is_missing_is_named(self, tmp_path):
         nothing = RunFolder(tmp_path)

@@ -132,7 +132,7 @@ def stable_baselines(config: PPOConfig) -> None:
         gae_lambda=config.gae_lambda,
         clip_range=config.clip_epsilon,
         ent_coef=config.entropy_coeff,
-        vf_coef=config.critic_coeff,
+        vf_coef=0.5,
         policy_kwargs={"net_arch": list(config.critic_hidden)},
         device="cpu",
         seed=0,

@@ -36,7 +36,7 @@ def test_sweep_runs_all_combinations_in_folders_that_name_them(experiment):
 def test_the_name_of_a_job_with_many_overrides_is_cut(experiment):
     many = [
         f"refiner.ppo.{key}=0.001"
-        for key in ("lr_actor", "lr_critic", "gae_lambda", "leaf_sd", "clip_epsilon")
+        for key in ("lr_actor", "lr_critic", "gae_lambda", "entropy_coeff", "clip_epsilon")
     ]
     many += ["refiner.ppo.update_timesteps=1000", "evaluation.validation_episodes=50", "ge.generations=3"]
     assert main(["-m", "seed=0,1", *many]) == 0

@@ -169,7 +169,8 @@ def test_a_key_that_went_names_its_successor(key, successor):
 
 
 @pytest.mark.parametrize(
-    "key", ["ge.elites", "ge.replacement", "ge.single_choice_consumes", "refiner.ppo.alpha_final"]
+    "key",
+    ["ge.elites", "ge.replacement", "ge.single_choice_consumes", "refiner.ppo.leaf_sd", "polish.max_seconds"],
 )
 def test_a_key_that_went_for_good_says_why(key):
     with pytest.raises(ConfigError, match=rf"^{key} is gone, because .*; got {key}$"):

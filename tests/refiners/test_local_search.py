@@ -92,12 +92,6 @@ def test_a_budget_that_is_spent_at_once_changes_nothing():
     assert refined.training.updates == 1
 
 
-def test_a_budget_in_seconds_replaces_that_in_steps():
-    refined = search(max_timesteps=2, max_seconds=0.2)
-    assert refined.tree != FAR
-    assert refined.training.timesteps > 100
-
-
 def test_a_lone_number_can_be_tuned_and_none_need_not():
     lone = FakeBackend(lambda tree: -((float(tree.threshold[0]) - 0.7) ** 2), spread=SPREAD)
     refined = search(split(0, 0.0, leaf(0), leaf(1)), backend=lone, max_timesteps=5000)

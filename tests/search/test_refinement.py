@@ -93,7 +93,7 @@ def test_better_by_so_many_standard_errors():
 def test_what_is_not_better_comes_back_as_it_was_where_acceptance_asks(
     backend, before, answer, episodes, after, outcome
 ):
-    one = refine_one(backend, Answers(answer), [before], acceptance_episodes=episodes, acceptance_errors=2.0)
+    one = refine_one(backend, Answers(answer), [before], acceptance_episodes=episodes)
     assert (one.refined, one.tree, one.outcome, one.is_changed) == (after, after, outcome, after != before)
     assert (one.fitness_before == one.fitness_after) == (after == before)
     assert (one.snapped, one.fitness_snapped, one.training.timesteps) == (None, None, 100)
@@ -146,11 +146,6 @@ def test_trees_of_one_effort_are_refined_in_one_call_each_with_a_stream_of_its_o
     assert not {draw for _, draws in asked for draw in draws} & {draw for _, draws in first for draw in draws}
 
 
-def test_more_errors_than_any_gain_accept_nothing(backend):
-    one = refine_one(backend, Answers(GOOD), [BAD], acceptance_episodes=30, acceptance_errors=1e6)
-    assert one.refined == BAD
-
-
 def test_steadier_but_not_better_on_average_is_not_accepted_and_better_but_wilder_neither():
     """With a penalty a tree is accepted only where its fitness is higher too."""
     returns = {BAD: [10.0, 10.0], GOOD: [11.0, 40.0]}
@@ -162,7 +157,7 @@ def test_steadier_but_not_better_on_average_is_not_accepted_and_better_but_wilde
                 outcomes.returns[row] = np.resize(returns[tree], len(seeds))
             return outcomes
 
-    settings = {"acceptance_episodes": 30, "acceptance_errors": 0.0}
+    settings = {"acceptance_episodes": 30}
     for penalty, accepted in ((0.0, GOOD), (0.5, GOOD), (2.0, BAD)):
         evaluation = {"std_penalty": penalty}
         wild = Wild(lambda _: 0.0)

@@ -116,9 +116,8 @@ class Trained:
             trees,
             ACTIONS,
             settings.alpha,
-            settings.leaf_sd,
-            settings.leaf_logit,
-            rngs,
+            leaf_logit=settings.leaf_logit,
+            generators=rngs,
             straight_through=settings.straight_through,
         )
         self.networks = ValueNetworks(FEATURES, settings.critic_hidden, rngs)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
+
+# The usual weight of the critic's error. Actor and critic share no parameter and have learning rates of their own, so
+# another weight would do next to nothing.
+_CRITIC_COEFF: Final = 0.5
 
 
 class TreesPPOLoss(ClipPPOLoss):  # type: ignore[misc]
@@ -23,7 +27,6 @@ class TreesPPOLoss(ClipPPOLoss):  # type: ignore[misc]
         critic: Their critics.
         clip_epsilon: How far from 1 the ratio of probabilities still pays.
         entropy_coeff: Weight of the entropy bonus; a buffer that may be changed.
-        critic_coeff: Weight of the critic's squared error.
     """
 
     def __init__(
@@ -32,14 +35,13 @@ class TreesPPOLoss(ClipPPOLoss):  # type: ignore[misc]
         critic: TensorDictModule,
         clip_epsilon: float,
         entropy_coeff: float,
-        critic_coeff: float,
     ) -> None:
         super().__init__(
             actor,
             critic,
             clip_epsilon=clip_epsilon,
             entropy_coeff=entropy_coeff,
-            critic_coeff=critic_coeff,
+            critic_coeff=_CRITIC_COEFF,
             loss_critic_type="l2",
             normalize_advantage=True,
             normalize_advantage_exclude_dims=(0,),
@@ -48,7 +50,6 @@ class TreesPPOLoss(ClipPPOLoss):  # type: ignore[misc]
         )
         lowest = math.log1p(-clip_epsilon) if clip_epsilon < 1 else -math.inf
         self._bounds = lowest, math.log1p(clip_epsilon)
-        self._weight_of_error = critic_coeff
 
     def forward(self, tensordict: TensorDictBase, **_: Any) -> TensorDict:
         """Return the losses [R, T] of samples with `advantage` and `value_target`."""
@@ -65,7 +66,7 @@ class TreesPPOLoss(ClipPPOLoss):  # type: ignore[misc]
         return TensorDict(
             {
                 "loss_objective": -gain,
-                "loss_critic": self._weight_of_error * error,
+                "loss_critic": _CRITIC_COEFF * error,
                 "loss_entropy": -self.entropy_coeff * policy.entropy(),
             },
             tensordict.batch_size,

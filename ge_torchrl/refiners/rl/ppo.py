@@ -114,9 +114,7 @@ class Learner:
         self._networks = networks
         critic = make_critic(networks)
         self._advantages = ScanGAE(gamma=config.gamma, lmbda=config.gae_lambda, value_network=critic)
-        self._loss = TreesPPOLoss(
-            actor, critic, config.clip_epsilon, config.entropy_coeff, config.critic_coeff
-        )
+        self._loss = TreesPPOLoss(actor, critic, config.clip_epsilon, config.entropy_coeff)
         of_trees, of_critics = list(ddt.parameters()), list(networks.parameters())
         self._parameters = [*of_trees, *of_critics]
         self._before = [p.detach().clone() for p in self._parameters]

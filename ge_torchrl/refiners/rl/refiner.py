@@ -62,7 +62,6 @@ class PPORefiner:
             trees,
             spec.n_actions,
             alpha=config.alpha,
-            leaf_sd=config.leaf_sd,
             leaf_logit=config.leaf_logit,
             generators=generators,
             straight_through=config.straight_through,

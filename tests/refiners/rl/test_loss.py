@@ -31,7 +31,7 @@ def test_losses_and_gradients_are_those_of_torchrl(clip_epsilon):
         critic,
         clip_epsilon=clip_epsilon,
         entropy_coeff=0.03,
-        critic_coeff=0.7,
+        critic_coeff=0.5,
         loss_critic_type="l2",
         normalize_advantage=True,
         normalize_advantage_exclude_dims=(0,),
@@ -39,7 +39,7 @@ def test_losses_and_gradients_are_those_of_torchrl(clip_epsilon):
         functional=False,
     )
     results = []
-    for loss in (TreesPPOLoss(actor, critic, clip_epsilon, 0.03, 0.7), torchrls):
+    for loss in (TreesPPOLoss(actor, critic, clip_epsilon, 0.03), torchrls):
         losses = loss(samples)
         gradients = torch.autograd.grad(sum(losses[name].mean(1).sum() for name in LOSSES), parameters)
         results.append(([losses[name] for name in LOSSES], gradients))
@@ -49,7 +49,7 @@ def test_losses_and_gradients_are_those_of_torchrl(clip_epsilon):
 
 def test_it_is_a_loss_of_torchrl_whose_entropy_weight_may_be_changed():
     _, actor, critic, samples = parts()
-    loss = TreesPPOLoss(actor, critic, 0.2, 0.03, 0.7)
+    loss = TreesPPOLoss(actor, critic, 0.2, 0.03)
     assert isinstance(loss, ClipPPOLoss)
     before = loss(samples)["loss_entropy"]
     loss.entropy_coeff.fill_(0.06)
@@ -59,5 +59,5 @@ def test_it_is_a_loss_of_torchrl_whose_entropy_weight_may_be_changed():
 def test_samples_stay_as_they_are():
     _, actor, critic, samples = parts()
     keys = set(samples.keys())
-    TreesPPOLoss(actor, critic, 0.2, 0.03, 0.7)(samples)
+    TreesPPOLoss(actor, critic, 0.2, 0.03)(samples)
     assert set(samples.keys()) == keys

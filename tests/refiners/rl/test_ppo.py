@@ -73,7 +73,7 @@ def test_trees_together_end_where_each_alone_would(forest, settings):
 def naive_parameters(tree, seed, settings):
     """One tree trained by formulas written out: no stack, no padding, no TorchRL."""
     rngs = generators([seed])
-    start = soften([tree], ACTIONS, settings.alpha, settings.leaf_sd, settings.leaf_logit, rngs)
+    start = soften([tree], ACTIONS, settings.alpha, leaf_logit=settings.leaf_logit, generators=rngs)
     networks = ValueNetworks(FEATURES, settings.critic_hidden, rngs)
     moves = torch.zeros(tree.num_decision_nodes, requires_grad=True)
     logits = start.leaf_logits[0].detach().clone().requires_grad_()
@@ -125,7 +125,7 @@ def naive_parameters(tree, seed, settings):
             clipped = ratio.clamp(1 - settings.clip_epsilon, 1 + settings.clip_epsilon)
             gain = torch.minimum(ratio * normal, clipped * normal).mean()
             entropy = -(p * p.log()).sum(1).mean()
-            error = settings.critic_coeff * (value(seen) - target).square().mean()
+            error = 0.5 * (value(seen) - target).square().mean()
             optimizer.zero_grad()
             (-gain - bonus * entropy + error).backward()
             optimizer.step()
