@@ -32,7 +32,7 @@ from ge_torchrl import __version__
 from ge_torchrl.cli import VERBS
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR
-from ge_torchrl.config import Config, check_group, check_key, template
+from ge_torchrl.config import Config, check_choice, check_group, check_key, template
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 
 _LONGEST_NAME = 160
@@ -267,6 +267,7 @@ def _in_our_words() -> Iterator[None]:
             group, _, choice = (error.missing_cfg_file or "").rpartition("/")
         if not choice:
             raise ConfigError(_one_line(error)) from error
+        check_choice(group, choice)
         offered = [option for option in error.options or () if not option.startswith("_")]
         choices = ", ".join(sorted({*_choices(group), *offered}))
         raise ConfigError(f"{group}={choice} is unknown; expected one of {choices}; got {choice}") from error

@@ -1,7 +1,7 @@
 """The settings of a run: frozen records, one a section, whose types and ranges are declared on their fields."""
 
 from ge_torchrl.config.archive import ArchiveConfig
-from ge_torchrl.config.keys import check_group, without_gone
+from ge_torchrl.config.keys import check_choice, check_group, without_gone
 from ge_torchrl.config.record import Config, check_key, template
 from ge_torchrl.config.refinement import PolishConfig, PPOConfig, RefinerConfig, ScheduleConfig
 from ge_torchrl.config.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
@@ -17,6 +17,7 @@ __all__ = [
     "PolishConfig",
     "RefinerConfig",
     "ScheduleConfig",
+    "check_choice",
     "check_group",
     "check_key",
     "template",

@@ -8,7 +8,10 @@ from ge_torchrl.config.setting import Section, setting
 
 @dataclass(frozen=True)
 class ArchiveConfig(Section):
-    """The best trees of each number of decision nodes: how they are kept, and how the search goes on from them."""
+    """The best trees of each number of decision nodes: how they are kept, and how the search goes on from them.
+
+    Where nothing is kept, or nothing refines trees, nothing goes on from them, whatever is asked for.
+    """
 
     SECTION: ClassVar[str] = "archive"
 
@@ -44,19 +47,13 @@ class ArchiveConfig(Section):
         dear=40,
         doc="Neighbours drawn and measured on the training episodes, from which they are chosen.",
     )
-    revisits: int = setting(
-        1,
-        at_least=0,
-        because="it counts trees",
-        dear=1,
-        doc="Kept trees that are proposed again in a scheduled generation.",
-    )
     revisit_factor: int = setting(
         5,
-        at_least=1,
-        because="a revisit measures at least as well as a first refinement",
+        at_least=0,
+        because="it multiplies a budget; 0 refines no kept tree again",
         dear=2,
-        doc="How many times the episodes and steps such a refinement takes.",
+        doc="How many times the episodes and steps the kept tree takes that is refined again in a scheduled "
+        "generation; 0: none.",
     )
     migrants: int = setting(
         20,

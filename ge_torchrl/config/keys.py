@@ -23,13 +23,16 @@ _SUCCESSORS = {
 
 # What is gone without a successor, and why nobody needs it.
 _GONE = {
+    "archive.revisits": "archive.revisit_factor=0 refines no kept tree again, and otherwise it is one",
     "evaluation.champion_candidates": "validation chooses among kept trees, and archive=none tests the best one",
     "ge.elites": "an offspring takes its parent's place only if it is fitter, so the best one stays",
     "ge.replacement": "an offspring takes its parent's place if it is fitter",
     "ge.single_choice_consumes": "a rule with a single production reads no codon",
     "polish.max_seconds": "polish.max_timesteps is the budget, by which two runs of one seed are the same",
+    "polish.screening_episodes": "moves are screened on a quarter of polish.episodes",
     "refiner.acceptance_errors": "a refined tree has to be better by three standard errors",
     "refiner.best_probability": "the best tree is drawn as often as a random one",
+    "refiner.simplify": "what refiner.write_back writes back is simplified, and what it does not is whole",
     "refiner.probability": "every tree that is chosen is refined",
     "refiner.ppo.alpha_final": "refiner.ppo.alpha holds from the first update to the last",
     "refiner.ppo.critic_coeff": "refiner.ppo.lr_critic is the critic's own learning rate",
@@ -39,9 +42,15 @@ _GONE = {
 
 # Former groups of choices, and what to type instead.
 _FORMER_GROUPS = {
-    "hall_of_fame": "archive=explored or archive=none",
+    "hall_of_fame": "archive=none, or a key such as archive.keep=8",
     "ge": "env=NAME, which brings its settings along, or a key such as ge.generations=50",
     "evaluation": "env=NAME, which brings its settings along, or a key such as evaluation.episodes=20",
+}
+
+# Former choices of a group, and what to type instead.
+_FORMER_CHOICES = {
+    "archive=explored": "no such word, since it is the default; archive=none leaves it out",
+    "polish=local": "no such word, since it is the default; polish=none leaves it out",
 }
 
 
@@ -86,6 +95,16 @@ def check_group(group: str) -> None:
     """
     if instead := _FORMER_GROUPS.get(group):
         raise ConfigError(f"{group} is no choice of files any more; expected {instead}; got {group}=...")
+
+
+def check_choice(group: str, choice: str) -> None:
+    """Refuse a former choice of a group, such as `archive=explored`.
+
+    Raises:
+        ConfigError: The choice is gone; the message says what to type instead.
+    """
+    if instead := _FORMER_CHOICES.get(f"{group}={choice}"):
+        raise ConfigError(f"{group}={choice} is gone; expected {instead}; got {choice}")
 
 
 def _successor(key: str) -> str | None:

@@ -17,6 +17,8 @@ from ge_torchrl.errors import ConfigError
 _NEARLY_FREE = 1e6
 # What a run may take where steps are dear and nobody set a limit [s].
 _DEAR_SECONDS = 180
+# How many trees go on from the archive, in one way or another.
+_PROPOSALS = ("neighbours", "revisit_factor", "migrants", "final_keep")
 
 
 @dataclass(frozen=True)
@@ -38,20 +40,6 @@ class Config(Section):
         because="seeds of random numbers are not negative",
         doc="The one seed from which all randomness of the run follows.",
     )
-
-    def check_together(self) -> None:
-        """Refuse proposals from the archive that would silently be left out."""
-        if not self.archive.enabled:
-            for name in ("neighbours", "revisits", "migrants", "final_keep"):
-                if (getattr(self.archive, name) or 0) > 0:
-                    self.archive.refuse(
-                        name, "0", "nothing is kept with archive.keep=0 (archive=none sets all)", 0
-                    )
-        if not self.refiner.enabled and not self.polish.enabled:
-            for name in ("neighbours", "revisits", "final_keep"):
-                if (getattr(self.archive, name) or 0) > 0:
-                    because = "nothing refines trees with refiner.method=none and polish.every=0"
-                    self.archive.refuse(name, "0", because, 0)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "Config":
@@ -79,11 +67,9 @@ class Config(Section):
         """
         free = steps_per_second >= _NEARLY_FREE
         values = _decided(self, free=free)
-        keeps, polishes = values["archive"]["keep"] > 0, values["polish"]["every"] > 0
-        for name in ("neighbours", "revisits", "final_keep", "migrants"):
-            is_idle = not keeps or (name != "migrants" and not self.refiner.enabled and not polishes)
-            if is_idle and getattr(self.archive, name) is None:
-                values["archive"][name] = 0
+        is_refined = self.refiner.enabled or values["polish"]["every"] > 0
+        if values["archive"]["keep"] == 0 or not is_refined:
+            values["archive"] |= dict.fromkeys(_PROPOSALS, 0)
         if not free and self.ge.max_env_steps is None and self.ge.max_seconds is None:
             values["ge"]["max_env_steps"] = max(1, int(float(f"{_DEAR_SECONDS * steps_per_second:.2g}")))
         values["evaluation"]["steps_per_second"] = float(f"{steps_per_second:.2g}")

@@ -150,18 +150,12 @@ class PolishConfig(Section):
         because="a return is a mean over episodes",
         doc="Episodes that each tree is measured on.",
     )
-    screening_episodes: int = setting(
-        0,
-        at_least=0,
-        because="it counts episodes; 0 takes all",
-        doc="The first so many of the episodes tell which moves are worth the others; 0 measures all moves on all.",
-    )
     moves: int = setting(
         0,
         at_least=0,
         because="it counts trees; 0 leaves the numbers to CMA-ES",
         doc="Moves of each number by itself that are tried before CMA-ES moves all together, and again for as long as "
-        "one makes the tree better.",
+        "one makes the tree better. A quarter of the episodes tells which of them are worth the others.",
     )
     first_step: float = setting(
         0.5, above=0.0, doc="Standard deviation of the first moves, in units of the features' spread."
@@ -215,10 +209,6 @@ class RefinerConfig(Section):
         because="a lone leaf has nothing to refine",
         doc="Decision nodes of the smallest trees that are refined.",
     )
-    simplify: bool = setting(
-        True,
-        doc="Whether a tree is refined, and written back, without what no state can reach; the thesis: whole.",
-    )
     acceptance_episodes: int = setting(
         1000,
         at_least=0,
@@ -237,7 +227,8 @@ class RefinerConfig(Section):
     write_back: bool = setting(
         True,
         doc="Whether a refined tree, snapped to the grammar's constants, takes its source's place in the population if "
-        "it is fitter there. The thesis keeps refined trees apart.",
+        "it is fitter there. It is then refined without what no state can reach. The thesis refines whole trees and "
+        "keeps them apart.",
     )
     ppo: PPOConfig = field(default_factory=PPOConfig)
 

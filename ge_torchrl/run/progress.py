@@ -215,7 +215,7 @@ def _planned_refinements(config: Config) -> int:
     if not config.refiner.enabled:
         return 0
     scheduled = sum(map(config.refiner.schedule.applies_to, range(config.ge.generations)))
-    proposals = config.archive.neighbours + config.archive.revisits
+    proposals = config.archive.neighbours + (config.archive.revisit_factor > 0)
     return scheduled * (config.refiner.candidates + proposals)
 
 

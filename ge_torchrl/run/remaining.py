@@ -78,7 +78,7 @@ def fraction_after_search(config: Config) -> float:
         config: The configuration, its budgets resolved.
     """
     archive, polish, schedule = config.archive, config.polish, config.refiner.schedule
-    proposals = config.refiner.candidates + archive.neighbours + archive.revisits * archive.revisit_factor
+    proposals = config.refiner.candidates + archive.neighbours + archive.revisit_factor
     due = [g for g in range(config.ge.generations) if polish.applies_to(g) or schedule.applies_to(g)]
     last = archive.final_keep * archive.max_nodes * archive.final_factor * archive.final_patience
     last_share = _SPENT_AT_THE_END * last

@@ -109,7 +109,7 @@ def propose_individuals(
     """
     settings, config = problem.config.refiner, problem.config
     forest = population.forest
-    if not settings.simplify:
+    if not settings.write_back:
         forest = map_population(population.codons, problem.tables, config.ge.wraps)
     eligibility = Eligibility(problem.backend.spec.solved_at, config.env.lowest_return, settings.min_nodes)
     admitted = np.array(
@@ -261,15 +261,16 @@ def propose_neighbours(
 
 
 def propose_kept(problem: Problem, archive: Archive, generation: int) -> list[Proposal]:
-    """Choose kept trees, at random, to refine again with more effort."""
+    """Choose a kept tree, at random, to refine again with more effort; none where that is not asked for."""
     settings = problem.config.archive
+    if settings.revisit_factor == 0:
+        return []
     rng = stream(problem.config.seed, f"revisits, generation {generation}")
     members = [member for member in archive.members if member.tree.num_decision_nodes > 0]
-    chosen = rng.permutation(len(members))[: settings.revisits]
     effort = Effort(settings.revisit_factor)
     return [
         Proposal(members[i].tree, KEPT, members[i].archive_fitness, effort=effort, chosen="random")
-        for i in map(int, chosen)
+        for i in map(int, rng.permutation(len(members))[:1])
     ]
 
 

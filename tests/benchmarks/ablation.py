@@ -38,7 +38,7 @@ QUICK = (
     "evaluation.test_episodes=50",
 )
 DEFAULT = "the default"
-KEEPS = ("archive.neighbours=0", "archive.revisits=0", "archive.migrants=0")
+KEEPS = ("archive.neighbours=0", "archive.revisit_factor=0", "archive.migrants=0")
 # In each the one part is left out, or put back to what the thesis has.
 VARIANTS = {
     DEFAULT: (),
@@ -47,12 +47,11 @@ VARIANTS = {
     "local search in PPO's place (refiner=cmaes)": ("refiner=cmaes",),
     "straight-through splits": ("refiner.ppo.straight_through=true",),
     "no neighbours refined": ("archive.neighbours=0",),
-    "no kept trees refined again": ("archive.revisits=0",),
+    "no kept trees refined again": ("archive.revisit_factor=0",),
     "no migrants": ("archive.migrants=0",),
     # No individual has so many decision nodes.
     "individuals not refined": ("refiner.min_nodes=1000",),
-    "no write-back, nothing snapped": ("refiner.write_back=false",),
-    "refined whole, not simplified": ("refiner.simplify=false",),
+    "no write-back, nothing snapped or simplified": ("refiner.write_back=false",),
     "the same episodes in all generations": ("evaluation.episode_seeds=fixed",),
     "no parsimony": ("ge.parsimony=none",),
     "one range of constants": ("grammar=thesis/{environment}",),
@@ -60,7 +59,7 @@ VARIANTS = {
     "no archive": ("archive=none",),
     "nothing refined (GE alone)": ("refiner=none",),
 }
-# Here these settings of a short run would be refused, or put back what is left out.
+# Here these settings of a short run would put back what is left out, or change nothing.
 NOT_WITH = {
     "the archive only keeps": ("archive.neighbours",),
     "no archive": ("archive.",),
@@ -80,7 +79,7 @@ ALSO = {
     "acrobot": {
         "with the last refinement": ("archive.final_keep=4",),
         "no numbers moved one by one": ("polish.moves=0",),
-        "40 episodes a polish, not 400": ("polish.episodes=40", "polish.screening_episodes=0"),
+        "40 episodes a polish, not 400": ("polish.episodes=40",),
     },
 }
 ENVIRONMENTS = tuple(LENGTH)

@@ -55,7 +55,6 @@ QUICK = (
     "refiner.measuring_episodes=5",
     "polish.max_timesteps=8000",
     "polish.episodes=5",
-    "polish.screening_episodes=0",
 )
 # More standard errors of the mean difference than chance gives.
 ERRORS = 3.0
@@ -189,7 +188,6 @@ def rows_of_budgets(refiner: RefinerConfig, polish: PolishConfig) -> list[Row]:
                 polish,
                 max_timesteps=episodes * 7500,
                 episodes=episodes,
-                screening_episodes=0,
                 moves=0,
                 first_step=first_step,
             )
@@ -198,7 +196,6 @@ def rows_of_budgets(refiner: RefinerConfig, polish: PolishConfig) -> list[Row]:
             polish,
             max_timesteps=int(million * 1e6),
             episodes=episodes,
-            screening_episodes=episodes // 4,
             moves=8,
             first_step=0.02,
         )
@@ -211,10 +208,7 @@ ROWS = {"parts": rows_of_ppo, "hyperparameters": rows_of_hyperparameters, "budge
 def scaled(polish: PolishConfig, max_timesteps: float) -> PolishConfig:
     """A local search with another budget: its episodes in proportion, so that it tries about as many trees."""
     share = max(max_timesteps / polish.max_timesteps, FEWEST_EPISODES / polish.episodes)
-    episodes, screening = round(share * polish.episodes), round(share * polish.screening_episodes)
-    return replace(
-        polish, max_timesteps=round(max_timesteps), episodes=episodes, screening_episodes=screening
-    )
+    return replace(polish, max_timesteps=round(max_timesteps), episodes=round(share * polish.episodes))
 
 
 class Bench:

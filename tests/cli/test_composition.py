@@ -18,9 +18,9 @@ def config_of(experiment, *arguments):
 
 
 def proposals(config):
-    """Return what is proposed from the archive; None where it follows the environment's speed."""
-    archive = config.archive
-    return archive.neighbours, archive.revisits, archive.migrants, archive.final_keep
+    """Return what is proposed from the archive where steps are nearly free."""
+    archive = config.resolved(1e8).archive
+    return archive.neighbours, archive.revisit_factor, archive.migrants, archive.final_keep
 
 
 def test_run_takes_choices_and_keys(experiment):
@@ -55,8 +55,8 @@ def test_the_thesis_refiner_takes_the_table_of_its_environment(experiment, name)
 @pytest.mark.parametrize(
     ("refiner", "method", "polishes", "proposes"),
     [
-        ("ppo", "ppo", True, (None, None, None, None)),
-        ("cmaes", "cmaes", False, (None, None, None, None)),
+        ("ppo", "ppo", True, (26, 5, 20, 8)),
+        ("cmaes", "cmaes", False, (26, 5, 20, 8)),
         ("thesis", "ppo", False, (0, 0, 0, 0)),
         ("none", "none", False, (0, 0, 0, 0)),
     ],
@@ -79,10 +79,11 @@ def test_an_experiment_can_be_compared_with_another_refiner(experiment, refiner)
 
 
 def test_a_sweep_compares_with_and_without_archive_and_polish(experiment):
-    assert main(["-m", "archive=explored,none", "polish=local,none", "env=acrobot"]) == 0
+    assert main(["-m", "archive.keep=8,0", "polish.every=1,0", "env=acrobot"]) == 0
     switched = [(config.archive.enabled, config.polish.enabled) for config, _ in experiment.runs]
     assert switched == [(True, True), (True, False), (False, True), (False, False)]
-    assert {config.archive.final_keep for config, _ in experiment.runs} == {4, 0}
+    assert [proposals(config)[3] for config, _ in experiment.runs] == [4, 4, 0, 0]
+    assert proposals(config_of(experiment, "archive=none", "env=acrobot")) == (0, 0, 0, 0)
 
 
 def test_command_line_has_the_last_word_over_an_experiment(experiment):

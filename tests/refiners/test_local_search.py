@@ -78,7 +78,7 @@ def test_the_same_seed_gives_the_same_tree_and_the_global_stream_is_untouched():
 @pytest.mark.parametrize("budget", [1000, 3000])
 def test_the_budget_is_counted_in_steps_and_passed_by_one_round_at_most(budget, moves):
     backend = FakeBackend(value, spread=SPREAD)
-    taken = search(backend=backend, max_timesteps=budget, moves=moves, screening_episodes=1).training
+    taken = search(backend=backend, max_timesteps=budget, moves=moves).training
     # A round of moves is eight trees of one episode and three of all.
     largest_round = LARGEST_ROUND if moves == 0 else 8 * 10 + 3 * 3 * 10
     assert budget <= taken.timesteps < budget + largest_round
@@ -149,15 +149,14 @@ def test_every_tree_is_measured_on_so_many_episodes_times_the_factor():
         assert len(set(backend.episodes)) == 1, "always the same ones"
 
 
-def test_moves_are_screened_on_the_first_episodes_and_three_of_them_measured_on_all():
-    for screening, effort, batches in (
-        (2, FIRST, {(8, 2), (3, 6)}),
-        (2, Effort(factor=2), {(8, 4), (3, 12)}),
-        (0, FIRST, {(8, 6)}),
-        (6, FIRST, {(8, 6)}),
+def test_moves_are_screened_on_the_first_quarter_of_the_episodes_and_three_of_them_measured_on_all():
+    for episodes, effort, batches in (
+        (8, FIRST, {(8, 2), (3, 8)}),
+        (8, Effort(factor=2), {(8, 4), (3, 16)}),
+        (3, FIRST, {(8, 3)}),
     ):
         backend = FakeBackend(value, spread=SPREAD)
-        search(effort=effort, backend=backend, episodes=6, moves=8, screening_episodes=screening)
+        search(effort=effort, backend=backend, episodes=episodes, moves=8)
         # Those of one tree are the leaves', and the rounds of CMA-ES have six.
         assert {batch for batch in backend.batches if batch[0] not in (1, 6)} == batches
         first = min(backend.episodes, key=len)

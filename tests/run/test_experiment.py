@@ -158,7 +158,7 @@ class TestLedger:
                 refiner={"method": "cmaes", "schedule": {"every": 2}, "acceptance_episodes": 3, "min_nodes": 1},
                 polish={"max_timesteps": 2000, "every": 1, "episodes": 3},
                 archive={
-                    "keep": 3, "episodes": 5, "neighbours": 2, "neighbours_drawn": 5, "revisits": 1,
+                    "keep": 3, "episodes": 5, "neighbours": 2, "neighbours_drawn": 5,
                     "revisit_factor": 2, "migrants": 2, "final_keep": 1, "final_factor": 2,
                 },
             )  # fmt: skip

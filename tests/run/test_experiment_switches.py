@@ -14,7 +14,7 @@ from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.forest import Forest
 
 SMALL = {"generations": 8, "population_size": 30}
-NO_ARCHIVE = {"keep": 0, "neighbours": 0, "revisits": 0, "migrants": 0, "final_keep": 0}
+NO_ARCHIVE = {"keep": 0}
 LITTLE_PPO = {"max_timesteps": 400, "update_timesteps": 200, "epochs": 2, "snapshot_episodes": 5}
 # Accepts and writes back nothing, as the thesis does.
 APART = {"schedule": {"every": 3}, "acceptance_episodes": 0, "measuring_episodes": 5, "write_back": False}
@@ -125,7 +125,6 @@ EXPLORED = {
     "max_nodes": 4,
     "neighbours": 4,
     "neighbours_drawn": 40,
-    "revisits": 1,
     "revisit_factor": 2,
     "final_keep": 2,
     "final_factor": 2,
@@ -169,17 +168,17 @@ class TestExploring:
         assert re.search(rf"polish +{summary.polished} trees polished in ", output)
 
     def test_what_is_asked_for_is_done_and_nothing_else(self, tmp_path):
-        nothing, _ = explored(tmp_path / "0", neighbours=0, revisits=0, final_keep=0, migrants=0)
+        nothing, _ = explored(tmp_path / "0", neighbours=0, revisit_factor=0, final_keep=0, migrants=0)
         assert nothing.refined == nothing.polished == 2
         assert "final refinement" not in nothing.steps
         revisits, _ = explored(tmp_path / "1", neighbours=0, final_keep=0, migrants=0)
         assert revisits.refined == 4
-        final, _ = explored(tmp_path / "2", neighbours=0, revisits=0, migrants=0)
+        final, _ = explored(tmp_path / "2", neighbours=0, revisit_factor=0, migrants=0)
         assert final.refined == 2
         assert final.steps["final refinement"] > 0
         same = [history(tmp_path / name) for name in "02"]
         assert [one.best_fitness for one in same[0]] == [one.best_fitness for one in same[1]]
-        explored(tmp_path / "3", neighbours=0, revisits=0, final_keep=0)
+        explored(tmp_path / "3", neighbours=0, revisit_factor=0, final_keep=0)
         means = [[record.mean_fitness for record in history(tmp_path / name)] for name in "03"]
         assert means[0][:2] == means[1][:2]
         assert means[1][2] > means[0][2]

@@ -13,7 +13,7 @@ from ge_torchrl.errors import UserError
 EVERYTHING = {
     "refiner": {"method": "cmaes", "schedule": {"every": 2}, "candidates": 2, "acceptance_episodes": 20},
     "archive": {
-        "keep": 3, "episodes": 50, "neighbours": 4, "neighbours_drawn": 40, "revisits": 1, "revisit_factor": 2,
+        "keep": 3, "episodes": 50, "neighbours": 4, "neighbours_drawn": 40, "revisit_factor": 2,
         "migrants": 4, "final_keep": 3, "final_factor": 5,
     },
 }  # fmt: skip

@@ -195,7 +195,7 @@ class TestRefinements:
             ({"every": 16}, True),
             ({"every": 40, "candidates": 4}, False),
             ({"every": 40, "archive": replace(KEEPING, neighbours=2)}, True),
-            ({"every": 40, "archive": replace(KEEPING, neighbours=2, revisits=1)}, False),
+            ({"every": 40, "archive": replace(KEEPING, neighbours=2, revisit_factor=5)}, False),
         ],
     )
     def test_of_many_only_new_bests_and_failures_are_shown(self, changes, shows_all):

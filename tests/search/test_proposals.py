@@ -241,12 +241,12 @@ class TestIndividuals:
         assert {one.individual for one in at_once if one.chosen == "best"} == {2}
         assert len({one.individual for one in at_once if one.chosen == "random"}) > 1
 
-    def test_simplified_or_whole_is_a_setting(self, opened):
+    def test_they_are_simplified_or_whole_where_they_are_kept_apart(self, opened):
         whole = simple = 0
         for seed in range(3):
             population = first_population(problem_of(opened, seed=seed)).population
             for simplify in (True, False):
-                problem = problem_of(opened, seed=seed, refiner={"simplify": simplify, "candidates": 20})
+                problem = problem_of(opened, seed=seed, refiner={"write_back": simplify, "candidates": 20})
                 trees = [one.tree for one in propose_individuals(problem, population, {}, 2).proposals]
                 not_simple = sum(simplify_tree(tree, *opened.bounds) != tree for tree in trees)
                 whole, simple = (whole, simple + not_simple) if simplify else (whole + not_simple, simple)
@@ -339,20 +339,18 @@ class TestKept:
     ARCHIVE = archive_of(member(leaf(0), 9.0), member(POOR, 40.0), member(GOOD, 400.0))
 
     @staticmethod
-    def problem(revisits):
-        settings = {"keep": 3, "revisits": revisits, "revisit_factor": 4}
+    def problem(revisit_factor):
+        settings = {"keep": 3, "revisit_factor": revisit_factor}
         return problem_of(Analytic(lambda _: 0.0), archive=settings)
 
-    def test_kept_trees_are_refined_again_with_a_larger_budget(self):
-        proposals = propose_kept(self.problem(5), self.ARCHIVE, 2)
-        assert {one.tree for one in proposals} == {GOOD, POOR}, "a lone leaf has nothing to refine"
-        for one in proposals:
-            assert (one.origin, one.individual, one.effort) == (KEPT, None, Effort(4))
-            assert one.fitness == {GOOD: 400.0, POOR: 40.0}[one.tree]
-
-    def test_so_many_are_drawn_anew_in_every_generation(self):
+    def test_a_kept_tree_is_refined_again_with_a_larger_budget(self):
+        (one,) = propose_kept(self.problem(4), self.ARCHIVE, 2)
+        assert (one.origin, one.individual, one.effort) == (KEPT, None, Effort(4))
+        assert one.fitness == {GOOD: 400.0, POOR: 40.0}[one.tree]
         assert propose_kept(self.problem(0), self.ARCHIVE, 2) == []
+
+    def test_it_is_drawn_anew_in_every_generation(self):
         problem = self.problem(1)
         drawn = [propose_kept(problem, self.ARCHIVE, g)[0].tree for g in [*range(20), 3]]
-        assert set(drawn) == {GOOD, POOR}
+        assert set(drawn) == {GOOD, POOR}, "a lone leaf has nothing to refine"
         assert drawn[-1] == drawn[3]

@@ -10,7 +10,7 @@ from ge_torchrl.errors import ConfigError
 from ge_torchrl.search.restarts import begins_anew, goes_on_together, together
 from ge_torchrl.search.step import first_state, step
 
-ARCHIVE = {"keep": 2, "neighbours": 4, "revisits": 1, "migrants": 2}
+ARCHIVE = {"keep": 2, "neighbours": 4, "revisit_factor": 5, "migrants": 2}
 
 
 @pytest.fixture(scope="module")

@@ -39,7 +39,6 @@ EVERYTHING = {
         "keep": 3,
         "episodes": 20,
         "neighbours": 4,
-        "revisits": 1,
         "revisit_factor": 2,
         "migrants": 4,
     },
@@ -424,7 +423,7 @@ class TestArchive:
             assert (record.individual, record.chosen, record.written_back) == (None, None, False)
 
     def test_migrants_take_the_places_of_the_least_fit_and_never_of_fitter_ones(self, opened):
-        quiet = {"neighbours": 0, "revisits": 0}
+        quiet = {"neighbours": 0, "revisit_factor": 0}
         problem = everything(opened, archive={**ARCHIVE, **quiet, "migrants": 6}, polish={"every": 0})
         without = everything(opened, archive={**ARCHIVE, **quiet, "migrants": 0}, polish={"every": 0})
         after, stayed = last_state(problem, 3), last_state(without, 3)

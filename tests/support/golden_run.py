@@ -39,7 +39,6 @@ def golden_run():
         archive={
             "keep": 2,
             "neighbours": 4,
-            "revisits": 1,
             "revisit_factor": 2,
             "migrants": 4,
             "final_keep": 1,

@@ -59,7 +59,7 @@ def config_of(seed=0, **sections):
         "refiner": {"schedule": {"every": 2}, "acceptance_episodes": 0, "measuring_episodes": 5},
         "polish": {"every": 0},
         "archive": {
-            "keep": 0, "episodes": 20, "max_nodes": 5, "neighbours": 0, "neighbours_drawn": 40, "revisits": 0,
+            "keep": 0, "episodes": 20, "max_nodes": 5, "neighbours": 0, "neighbours_drawn": 40, "revisit_factor": 0,
             "migrants": 0, "final_keep": 0, "final_factor": 3,
         },
         "seed": seed,

@@ -36,7 +36,7 @@ def config(seed=0, **sections):
         },
         "refiner": {"method": "none"},
         "polish": {"every": 0},
-        "archive": {"neighbours": 0, "revisits": 0, "migrants": 0, "final_keep": 0, "episodes": 50},
+        "archive": {"neighbours": 0, "revisit_factor": 0, "migrants": 0, "final_keep": 0, "episodes": 50},
         "seed": seed,
     }
     for name, changes in sections.items():

@@ -30,7 +30,7 @@ CARTPOLE = Names(
 )
 PRUNED = split(2, 0.0154, split(3, 0.229, leaf(0), leaf(1)), leaf(1))
 FULL = split(0, 4.8, PRUNED, leaf(0))
-NO_ARCHIVE = ArchiveConfig(keep=0, neighbours=0, revisits=0, migrants=0, final_keep=0)
+NO_ARCHIVE = ArchiveConfig(keep=0, neighbours=0, revisit_factor=0, migrants=0, final_keep=0)
 KEEPING = replace(NO_ARCHIVE, keep=8)
 
 # What a method needs of a configuration.
