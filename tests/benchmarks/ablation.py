@@ -59,13 +59,6 @@ VARIANTS = {
     "no archive": ("archive=none",),
     "nothing refined (GE alone)": ("refiner=none",),
 }
-# Here these settings of a short run would put back what is left out, or change nothing.
-NOT_WITH = {
-    "the archive only keeps": ("archive.neighbours",),
-    "no archive": ("archive.",),
-    "nothing refined (GE alone)": ("archive.", "refiner.schedule"),
-    "no PPO, the polish alone": ("refiner.schedule",),
-}
 # Parts that one environment alone has. Short runs leave the last refinement out, so it is put back here.
 ALSO = {
     "cartpole": {"with the last refinement": ("archive.final_keep=8",)},
@@ -88,8 +81,7 @@ ENVIRONMENTS = tuple(LENGTH)
 def command(options: argparse.Namespace, environment: str, variant: str) -> list[str]:
     """The command line, without `python -m ge_torchrl`, of one variant in one environment."""
     short = (*LENGTH[environment], *SHORT, *(QUICK if options.quick else ()))
-    refused = NOT_WITH.get(variant, ())
-    settings = {_key(text): text for text in short if not text.startswith(refused)}
+    settings = {_key(text): text for text in short}
     # The last word on a key is the only one.
     for text in _variants(environment)[variant]:
         settings[_key(text)] = text.format(environment=environment)

@@ -10,6 +10,7 @@ from ge_torchrl.config import PPOConfig
 from ge_torchrl.refiners.rl.actor_critic import ValueNetworks, make_actor
 from ge_torchrl.refiners.rl.ddt import soften
 from ge_torchrl.refiners.rl.ppo import train
+from ge_torchrl.refiners.rl.snapshots import Snapshots
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
@@ -30,6 +31,13 @@ LITTLE = PPOConfig(
     alpha=3.0,
     leaf_logit=None,
 )
+
+
+def hardened(ddt):
+    """Return the hard trees of a DDT as a refinement without snapshots brings them back."""
+    snapshots = Snapshots(None, ddt, 0, "refinement")
+    snapshots.look()
+    return snapshots.trees()
 
 
 def config(**changes):

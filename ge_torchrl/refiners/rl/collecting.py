@@ -46,7 +46,6 @@ class CollectorSource:
         self._rngs = rngs
         self._purpose = purpose
         self._collector: Any = None
-        self._n_steps = 0
 
     def collect(self, n_steps: int) -> TensorDict:
         """Return the next samples [R, K, n_steps / K]; every call asks for as many."""

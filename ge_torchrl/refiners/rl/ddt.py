@@ -216,22 +216,6 @@ def soften(
 
 
 @torch.no_grad()
-def harden(ddt: DDT) -> list[DecisionTree]:
-    """Return the hard trees of a DDT: thresholds in float32, each leaf's most probable action.
-
-    Raises:
-        InvalidTreeError: A threshold is not a finite number.
-    """
-    thresholds, actions = hard_numbers(ddt)
-    return [
-        tree.with_parameters(thresholds[row, : tree.num_decision_nodes]).with_actions(
-            actions[row, : tree.num_leaves]
-        )
-        for row, tree in enumerate(ddt.trees)
-    ]
-
-
-@torch.no_grad()
 def hard_numbers(ddt: DDT) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Return the thresholds [R, M] and the actions [R, L] of the hard trees, padded."""
     return ddt.thresholds().float().numpy(), ddt.leaf_logits.argmax(-1).int().numpy()

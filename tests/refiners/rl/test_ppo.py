@@ -18,6 +18,7 @@ from ppo_for_tests import (
     config,
     drawn_samples,
     generators,
+    hardened,
     leaf,
 )
 from strategies import trees
@@ -25,7 +26,7 @@ from tensordict import TensorDict
 
 from ge_torchrl.refiners.rl.actor_critic import ValueNetworks, make_actor
 from ge_torchrl.refiners.rl.advantages import ScanGAE
-from ge_torchrl.refiners.rl.ddt import harden, soften
+from ge_torchrl.refiners.rl.ddt import soften
 from ge_torchrl.refiners.rl.ppo import Learner
 
 small_thresholds = st.floats(-1, 1, width=32)
@@ -143,7 +144,7 @@ def test_training_is_that_of_formulas_written_out():
 
 def test_training_changes_numbers_and_not_structure():
     trained = Trained(MIXED, config(lr_actor=0.05))
-    for tree, after in zip(MIXED, harden(trained.ddt), strict=True):
+    for tree, after in zip(MIXED, hardened(trained.ddt), strict=True):
         assert after.feature.tolist() == tree.feature.tolist()
         assert after.children_left.tolist() == tree.children_left.tolist()
     assert (trained.ddt.threshold[0] != 0).all()
@@ -233,7 +234,7 @@ def test_a_gradient_and_a_parameter_that_are_not_finite_put_a_tree_back_too():
         of_parameter.records()[0].failure == "a parameter is not finite in update 1, after 0 gradient steps"
     )
     assert of_parameter.alive.tolist() == [False, True, True]
-    assert harden(ddt)[0] == MIXED[0]
+    assert hardened(ddt)[0] == MIXED[0]
 
 
 def test_training_ends_when_all_trees_have_failed():
@@ -247,7 +248,7 @@ def test_training_ends_when_all_trees_have_failed():
     assert len(looks) == 1
     assert {record.updates for record in trained.records} == {1}
     assert [record.timesteps for record in trained.records] == [400] * 3
-    assert harden(trained.ddt) == list(MIXED)
+    assert hardened(trained.ddt) == list(MIXED)
 
 
 def test_what_does_not_fill_an_update_is_not_taken():
