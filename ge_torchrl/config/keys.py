@@ -32,7 +32,7 @@ _GONE = {
     "polish.screening_episodes": "moves are screened on a quarter of polish.episodes",
     "refiner.acceptance_errors": "a refined tree has to be better by three standard errors",
     "refiner.best_probability": "the best tree is drawn as often as a random one",
-    "refiner.simplify": "what refiner.write_back writes back is simplified, and what it does not is whole",
+    "refiner.simplify": "refiner.write_back=false refines whole trees, and otherwise they are simplified",
     "refiner.probability": "every tree that is chosen is refined",
     "refiner.ppo.alpha_final": "refiner.ppo.alpha holds from the first update to the last",
     "refiner.ppo.critic_coeff": "refiner.ppo.lr_critic is the critic's own learning rate",
