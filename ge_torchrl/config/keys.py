@@ -47,10 +47,10 @@ _FORMER_GROUPS = {
     "evaluation": "env=NAME, which brings its settings along, or a key such as evaluation.episodes=20",
 }
 
-# Former choices of a group, and what to type instead.
+# Former choices of a group, and why nobody needs them.
 _FORMER_CHOICES = {
-    "archive=explored": "no such word, since it is the default; archive=none leaves it out",
-    "polish=local": "no such word, since it is the default; polish=none leaves it out",
+    "archive=explored": "a run keeps trees unless archive=none says otherwise",
+    "polish=local": "a run polishes where steps are nearly free unless polish=none says otherwise",
 }
 
 
@@ -101,10 +101,10 @@ def check_choice(group: str, choice: str) -> None:
     """Refuse a former choice of a group, such as `archive=explored`.
 
     Raises:
-        ConfigError: The choice is gone; the message says what to type instead.
+        ConfigError: The choice is gone; the message says why.
     """
-    if instead := _FORMER_CHOICES.get(f"{group}={choice}"):
-        raise ConfigError(f"{group}={choice} is gone; expected {instead}; got {choice}")
+    if reason := _FORMER_CHOICES.get(f"{group}={choice}"):
+        raise ConfigError(f"{group}={choice} is gone, because {reason}; got {choice}")
 
 
 def _successor(key: str) -> str | None:

@@ -66,7 +66,7 @@ def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experim
         (["ge=null"], "ge must be a section with keys and values; got None"),
         (["ge=mountaincar"], "ge is no choice of files any more; expected env=NAME, which brings its"),
         (["hall_of_fame=none"], "hall_of_fame is no choice of files any more; expected archive=none, or"),
-        (["archive=explored"], "archive=explored is gone; expected no such word, since it is the default"),
+        (["archive=explored"], "archive=explored is gone, because a run keeps trees unless archive=none"),
         (
             ["-m", "evaluation=cartpole,acrobot"],
             "evaluation is no choice of files any more; expected env=NAME",
