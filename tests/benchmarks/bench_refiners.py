@@ -1,7 +1,7 @@
 """What one refinement brings, by method and by its parts: the same trees, refined in many ways.
 
     python tests/benchmarks/bench_refiners.py                                    # half an hour on one core
-    python tests/benchmarks/bench_refiners.py --environments cartpole --route gymnasium
+    python tests/benchmarks/bench_refiners.py --rows short --route gymnasium     # where steps are dear: as long again
     python tests/benchmarks/bench_refiners.py --rows budgets --environments acrobot
 
 One tree from each of 20 runs (seeds 20 to 39) of grammatical evolution alone, after few generations: a random one of
@@ -202,7 +202,18 @@ def rows_of_budgets(refiner: RefinerConfig, polish: PolishConfig) -> list[Row]:
     return [Row(name, refiner, search=config) for name, config in changed.items()]
 
 
-ROWS = {"parts": rows_of_ppo, "hyperparameters": rows_of_hyperparameters, "budgets": rows_of_budgets}
+def rows_in_short(refiner: RefinerConfig, polish: PolishConfig) -> list[Row]:
+    """PPO with soft and with straight-through splits, and what the polish adds to it."""
+    first, straight_through, *_, polished = rows_of_ppo(refiner, polish)
+    return [first, straight_through, polished]
+
+
+ROWS = {
+    "parts": rows_of_ppo,
+    "short": rows_in_short,
+    "hyperparameters": rows_of_hyperparameters,
+    "budgets": rows_of_budgets,
+}
 
 
 def scaled(polish: PolishConfig, max_timesteps: float) -> PolishConfig:
@@ -273,7 +284,7 @@ class Bench:
             measured = self.measured(row)
             ppo = ppo or measured
             yield row.name, measured
-        if kind != "parts":
+        if kind not in ("parts", "short"):
             return
         budget = ppo.steps
         name, measured = self.searched("equal steps", scaled(polish, budget))

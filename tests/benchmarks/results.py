@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,14 @@ from ge_torchrl.report.thesis.beside import published_beside, refinements_of
 from ge_torchrl.report.thesis.pairs import comparison_text, pair_by_seed
 from ge_torchrl.report.thesis.solving import env_steps_of, paired_ratio
 
+# What PPO refines in the runs of each folder of multirun/solving/ENVIRONMENT, beside those in `alone`.
+SOLVING = {
+    "cartpole": {"individuals": "individuals"},
+    "mountaincar": {
+        "individuals": "individuals",
+        "neighbours": "individuals, and neighbours of kept trees",
+    },
+}
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = (DOCS / "results.md", DOCS.parent / "README.md")
 ENVIRONMENTS = {"cartpole": "CartPole-v1", "acrobot": "Acrobot-v1", "mountaincar": "MountainCar-v0"}
@@ -74,7 +82,7 @@ def rates_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
 def solving_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
     """Generations and environment steps to the threshold, against GE alone."""
     head = (
-        "method",
+        "PPO refines",
         "pairs",
         "median generations, GE alone",
         "with refinement",
@@ -83,10 +91,11 @@ def solving_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
         "never reached",
     )
     rows = []
-    for name in ("cartpole", "mountaincar"):
-        runs = read_runs(folder / "solving" / name).runs
-        methods = dict.fromkeys(run.method for run in runs if run.method != GE)
-        rows += [_solving_row(runs, method) for method in methods]
+    for name, ways in SOLVING.items():
+        alone = read_runs(folder / "solving" / name / "alone").runs
+        for way, words in ways.items():
+            treated = read_runs(folder / "solving" / name / way).runs
+            rows.append(_solving_row([*alone, *treated], words))
     yield "solving", Table.of(head, rows).markdown()
 
 
@@ -241,8 +250,9 @@ def _way(records: list[RefinementRecord], counts: RefinementCounts) -> list[str]
     return [f"{way.before:.1f}", soft, f"{way.after:.1f}", f"{way.snapped:.1f}"]
 
 
-def _solving_row(runs: Iterable[Run], method: str) -> list[str]:
-    pairs = pair_by_seed(list(runs), method)
+def _solving_row(runs: Sequence[Run], words: str) -> list[str]:
+    method = next(run.method for run in runs if run.method != GE)
+    pairs = pair_by_seed(runs, method)
     solved_at = pairs[0].treated.summary.solved_at
     if solved_at is None:
         raise ValueError(f"{pairs[0].treated.environment} must have a threshold to be compared at")
@@ -250,7 +260,7 @@ def _solving_row(runs: Iterable[Run], method: str) -> list[str]:
     ratio = paired_ratio(times, np.random.default_rng(0))
     steps = paired_ratio(times, np.random.default_rng(0), measure=env_steps_of)
     return [
-        f"{pairs[0].treated.environment}, {method}",
+        f"{pairs[0].treated.environment}: {words}",
         str(len(pairs)),
         f"{np.median([alone.generations for _, alone in times]):g}",
         f"{np.median([treated.generations for treated, _ in times]):g}",
