@@ -130,10 +130,10 @@ class GEConfig(Section):
     max_seconds: float | None = setting(None, above=0.0, doc="Time that the whole run may take; null: any.")
     max_env_steps: int | None = setting(
         None,
-        at_least=1,
-        because="a run needs steps to measure fitness",
-        doc="Environment steps that the whole run may take; null: any where steps are nearly free, elsewhere those of "
-        "three minutes.",
+        at_least=0,
+        because="it counts steps; 0 is no limit",
+        doc="Environment steps that the whole run may take; 0: any; null: any where steps are nearly free, elsewhere "
+        "those of three minutes.",
     )
 
     def check_together(self) -> None:

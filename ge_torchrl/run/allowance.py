@@ -36,7 +36,7 @@ class Allowance:
     @classmethod
     def of(cls, config: Config, started: float) -> Allowance:
         """Return the allowance of a configuration for a run that began at `started`."""
-        return cls(started, config.ge.max_seconds, config.ge.max_env_steps)
+        return cls(started, config.ge.max_seconds, config.ge.max_env_steps or None)
 
     def until(self, phase: Phase) -> Limit | None:
         """Return the limit by which a phase has to end; None where there is none."""

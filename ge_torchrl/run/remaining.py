@@ -57,7 +57,7 @@ def seconds_left(
     left = search / (1 - fraction_after_search) - elapsed
     if config.max_seconds is not None:
         left = min(left, config.max_seconds - elapsed)
-    if config.max_env_steps is not None and pace.steps_per_second > 0:
+    if config.max_env_steps and pace.steps_per_second > 0:
         left = min(left, (config.max_env_steps - record.env_steps) / pace.steps_per_second)
     return max(0.0, left)
 

@@ -70,6 +70,8 @@ def test_nothing_is_proposed_where_nothing_would_come_of_it(speed):
 def test_a_limit_that_was_given_stays_where_steps_are_dear():
     config = Config.from_mapping({**VALUES, "ge": {**VALUES["ge"], "max_seconds": 60}})
     assert config.resolved(1000).ge.max_env_steps is None
+    config = Config.from_mapping({**VALUES, "ge": {**VALUES["ge"], "max_env_steps": 0}})
+    assert config.resolved(1000).ge.max_env_steps == 0, "no limit, whatever steps cost"
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "0", True, None])

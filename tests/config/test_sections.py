@@ -63,7 +63,7 @@ from ge_torchrl.errors import ConfigError
         ("ge", "stop_when_solved", "yes", "ge.stop_when_solved must be true or false; got 'yes'"),
         ("ge", "parsimony", "some", "ge.parsimony must be one of lexicographic, none; got 'some'"),
         ("ge", "max_seconds", 0, "ge.max_seconds must be a finite number above 0 or null; got 0"),
-        ("ge", "max_env_steps", 0, "ge.max_env_steps must be an integer of at least 1 or null"),
+        ("ge", "max_env_steps", -1, "ge.max_env_steps must be an integer of at least 0 or null"),
         ("env", "id", " ", "env.id must be a Gymnasium id such as CartPole-v1; got ' '"),
         ("env", "id", "???", "env.id has no value; expected a Gymnasium id such as CartPole-v1; got nothing"),
         ("env", "features", "x", "env.features must be a list of names that differ .*; got 'x'"),

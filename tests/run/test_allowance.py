@@ -9,6 +9,8 @@ from ge_torchrl.run.allowance import Allowance, Phase
 def test_without_limits_a_run_may_take_what_it_takes():
     allowance = Allowance.of(config_of(), started=100.0)
     assert [allowance.until(phase) for phase in Phase] == [None] * 4
+    unlimited = Allowance.of(config_of(ge={"max_env_steps": 0}), started=100.0)
+    assert [unlimited.until(phase) for phase in Phase] == [None] * 4
 
 
 @pytest.mark.parametrize(
