@@ -69,12 +69,12 @@ def _mutate(
         offspring[o] = codons[parents[o]]
         if rate == 0.0 or rng.random() >= mutation_probability:
             continue
-        # A gap can be too large for an integer, so genes count in float64.
-        gene = float(math.floor(rng.standard_exponential() / rate))
+        # A gap can be too large for an integer, so genes count in float64; compiled, math.floor gives an int64.
+        gene = np.floor(rng.standard_exponential() / rate)
         while gene < genotype_length:
             # A double has 53 random bits: no codon is likelier than another by more than one part in four million.
             offspring[o, int(gene)] = np.int32(rng.random() * CODON_LIMIT)
-            gene += 1.0 + math.floor(rng.standard_exponential() / rate)
+            gene += 1.0 + np.floor(rng.standard_exponential() / rate)
 
 
 def crossover_one_point(codons: Codons, crossover_probability: float, rng: np.random.Generator) -> Codons:

@@ -67,6 +67,12 @@ def test_probability_zero_changes_nothing_and_one_changes_all():
     assert (codons == -1).all()
 
 
+@pytest.mark.parametrize("gene_probability", [1e-19, 1e-30, 5e-324])
+def test_gaps_between_redrawn_genes_may_be_larger_than_any_integer(gene_probability):
+    codons = np.full((50, 7), -1, np.int32)
+    assert (mutate_uniform(codons, np.arange(50), gene_probability, 1, rng()) == -1).all()
+
+
 def test_an_unmutated_individual_stays_whole():
     redrawn = mutate_uniform(np.full((500, 20), -1, np.int32), np.arange(500), 1, 0.4, rng()) >= 0
     assert (redrawn.all(axis=1) == redrawn.any(axis=1)).all()
