@@ -3,6 +3,7 @@
 import sys
 
 import pytest
+from clocks_for_tests import OwnClock
 from fake_experiment_for_tests import FakeExperiment
 from hypothesis import settings
 
@@ -23,3 +24,10 @@ def experiment(tmp_path, monkeypatch):
     monkeypatch.setattr(ge_torchrl.report, "evaluation", fake, raising=False)
     monkeypatch.chdir(tmp_path)
     return fake
+
+
+@pytest.fixture
+def own_clock():
+    """Let seconds be those of this process alone, and sleeping cost none of anyone's."""
+    with OwnClock().ticking() as clock:
+        yield clock

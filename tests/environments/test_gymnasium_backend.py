@@ -201,6 +201,7 @@ def test_exactly_as_many_steps_as_allowed_are_allowed(open_gymnasium):
     assert backend.steps.total() == 30
 
 
+@pytest.mark.usefixtures("own_clock")
 def test_a_deadline_ends_a_long_episode_and_signs_of_life_come_before(open_gymnasium, monkeypatch):
     monkeypatch.setattr(gymnasium_backend, "_PROBED_STEPS", 10)
     backend = open_gymnasium(SlowEnv)
@@ -211,6 +212,6 @@ def test_a_deadline_ends_a_long_episode_and_signs_of_life_come_before(open_gymna
     with pytest.raises(LimitReachedError) as caught:
         backend.evaluate(Forest.stack([leaf(0)]), np.array([0]), "fitness")
     assert caught.value.reason == "max_seconds"
-    assert 1.0 <= time.perf_counter() - started < 1.25
+    assert 1.0 <= time.perf_counter() - started < 1.05
     assert len(beats) >= 3
     assert beats == sorted(beats)

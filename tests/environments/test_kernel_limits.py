@@ -74,6 +74,7 @@ def test_what_stays_below_the_limit_is_not_disturbed_by_it(opened):
         limited.evaluate(good_trees(1), seeds, "test")
 
 
+@pytest.mark.usefixtures("own_clock")
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_limit_of_time_ends_a_long_call_and_signs_of_life_are_given_in_it(threads, opened):
     backend, beats = opened("Acrobot-v1", threads), []
@@ -85,8 +86,7 @@ def test_a_limit_of_time_ends_a_long_call_and_signs_of_life_are_given_in_it(thre
         # Half a minute and more: a free end that hangs, 500 million steps.
         backend.evaluate(Forest.stack([leaf(1)] * 100), np.arange(10_000), "validation")
     assert reached.value.reason == "max_seconds"
-    # A tenth more is allowed; the rest is for machines with other work.
-    assert time.perf_counter() - started < 1.5 * 1.1 + 0.5
+    assert time.perf_counter() - started < 1.5 * 1.1
     moments, steps, idents = map(list, zip(*beats, strict=True))
     assert max(np.diff([started, *moments])) < 1.0
     assert steps == sorted(steps)
@@ -94,6 +94,7 @@ def test_a_limit_of_time_ends_a_long_call_and_signs_of_life_are_given_in_it(thre
     assert set(idents) == {threading.get_ident()}
 
 
+@pytest.mark.usefixtures("own_clock")
 def test_jobs_too_hold_the_limit_of_time(opened):
     backend = opened("Acrobot-v1", 2)
 
@@ -116,6 +117,7 @@ def test_jobs_too_hold_the_limit_of_time(opened):
     assert backend.limit is None
 
 
+@pytest.mark.usefixtures("own_clock")
 @pytest.mark.parametrize("threads", [1, 2])
 def test_what_a_sign_of_life_raises_ends_the_call(threads, opened):
     """So does Ctrl-C, which comes at any place of the calling thread."""
