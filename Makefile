@@ -10,16 +10,29 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run test lint format settings bench clean
+.PHONY: help run test test-processors lint format settings bench clean
 
 help: ## List the targets (this text)
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 run: $(VENV)/.installed ## Evolve a controller; choose with ENV=mountaincar and ARGS="seed=3 ge.generations=50"
 	@$(BIN)/python -m ge_torchrl env=$(ENV) $(ARGS)
 
 test: lint ## Check style, types, imports and behaviour: all that CI checks
 	@$(BIN)/pytest
+
+# Each stands in for an older processor, or for one with fewer cores; the last is all the slow ones together.
+test-processors: $(VENV)/.installed-dev ## Run the tests as on other processors: PyTorch, numba and NumPy with fewer instructions
+	@failed=""; for setting in \
+		"ATEN_CPU_CAPABILITY=default" \
+		"ATEN_CPU_CAPABILITY=avx2" \
+		"NUMBA_CPU_NAME=generic" \
+		"NPY_DISABLE_CPU_FEATURES=X86_V3,X86_V4,AVX512_ICL" \
+		"OMP_NUM_THREADS=1 MKL_NUM_THREADS=1" \
+		"OMP_NUM_THREADS=2 MKL_NUM_THREADS=2" \
+		"ATEN_CPU_CAPABILITY=default NUMBA_CPU_NAME=generic OMP_NUM_THREADS=1"; \
+	do echo "$$setting"; env $$setting $(BIN)/pytest || failed="$$failed  $$setting\n"; done; \
+	if [ -n "$$failed" ]; then printf "Tests failed with\n$$failed" >&2; exit 1; fi
 
 lint: $(VENV)/.installed-dev ## Check style, types and the direction of imports
 	@$(BIN)/ruff check
