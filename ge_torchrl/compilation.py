@@ -2,7 +2,8 @@
 
 numba's own file cache looks only at the file of the function itself, so a kernel that inlines a function, or a
 constant, of another module would go stale when that module changes. Here the cache folder's name is a digest of
-all sources on the floors that have kernels: an edit there compiles anew, unchanged sources never compile twice.
+all sources on the floors that have kernels: an edit there compiles anew, unchanged sources never compile twice. It is
+one of the processor too: two processors that share a folder could take each other's files.
 """
 
 import functools
@@ -14,6 +15,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import config
+from numba.core.registry import cpu_target
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
@@ -23,12 +25,12 @@ _FLOORS_WITH_KERNELS = ("trees", "ge", "environments")
 
 @functools.cache
 def cache_directory() -> Path:
-    """Return the folder of the kernels that these sources compile to.
+    """Return the folder of the kernels that these sources compile to on this processor.
 
     It lies in `$NUMBA_CACHE_DIR` where that is set, else beside the sources where they can be written, else in the
     user's cache folder.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(_processor().encode())
     for source in sorted(path for floor in _FLOORS_WITH_KERNELS for path in (_PACKAGE / floor).rglob("*.py")):
         digest.update(source.relative_to(_PACKAGE).as_posix().encode())
         digest.update(source.read_bytes())
@@ -39,6 +41,11 @@ def cache_directory() -> Path:
     if os.access(beside if beside.exists() else _PACKAGE, os.W_OK):
         return beside / name
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ge_torchrl" / name
+
+
+def _processor() -> str:
+    """Return what numba compiles for, as its own cache tells it: the kind of machine, the processor, its features."""
+    return repr(cpu_target.target_context.codegen().magic_tuple())
 
 
 def compiled(function: _Function) -> _Function:
@@ -73,5 +80,5 @@ def _compiled(function: _Function, *, forceinline: bool) -> _Function:
 
 
 def is_compiled_before() -> bool:
-    """Tell whether this version's kernels have been compiled on this machine; if not, the first call takes seconds."""
+    """Tell whether this version's kernels are compiled for this processor; if not, the first call takes seconds."""
     return any(cache_directory().rglob("*.nbi"))

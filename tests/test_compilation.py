@@ -74,6 +74,17 @@ def test_an_edit_of_any_module_changes_the_cache(package):
     assert directory() not in (before, edited)
 
 
+def test_what_another_processor_compiled_is_not_compiled_before(package, monkeypatch):
+    _, directory = package
+    kernels = directory()
+    kernels.mkdir(parents=True)
+    (kernels / "kernel.nbi").touch()
+    assert compilation.is_compiled_before()
+    monkeypatch.setattr(numba_config, "CPU_NAME", "nehalem")
+    assert directory() != kernels
+    assert not compilation.is_compiled_before()
+
+
 def test_cache_lies_beside_the_sources_where_they_can_be_written(package):
     copy, directory = package
     assert directory().parent == copy / "__pycache__"
