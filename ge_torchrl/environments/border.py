@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import wrappers
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.spec import EnvironmentSpec, GymEnvironment, make_gymnasium
+from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, GymEnvironment, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
 
 _logger = logging.getLogger(__name__)
@@ -130,7 +130,7 @@ class Border:
         self._seed, self._action, self.step_number = seed, None, 0
         try:
             observation, _ = self._lean_reset(seed=seed)
-        except Exception as error:
+        except FAULTS as error:
             raise self._fault(f"raised {error!r} in reset") from error
         self.array = self._cast(observation)
         values: list[float] = self.array.tolist()
@@ -150,7 +150,7 @@ class Border:
         self._action = action
         try:
             observation, reward, terminated, truncated, _ = self._lean_step(action + self._first_action)
-        except Exception as error:
+        except FAULTS as error:
             raise self._fault(f"raised {error!r}") from error
         number = reward if type(reward) is float else self._number(reward)
         if number - number != 0.0:

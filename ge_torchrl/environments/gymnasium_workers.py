@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import math
 import multiprocessing
 import os
@@ -19,7 +20,7 @@ from typing import Any, TypeVar
 import gymnasium as gym
 
 from ge_torchrl.environments.gymnasium_runner import Runner, Watch
-from ge_torchrl.environments.spec import EnvironmentSpec, registered_id
+from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, registered_id
 from ge_torchrl.errors import EnvironmentFaultError
 
 _Result = TypeVar("_Result")
@@ -53,7 +54,10 @@ def unpack(sent: bytes) -> EnvironmentSpec:
     """
     try:
         spec, registered = pickle.loads(sent)  # noqa: S301 (packed by the process that started this one)
-    except Exception as error:
+        # Modules that register the environment themselves come first: Gymnasium warns of a second registration.
+        for module in _modules_of(spec, registered):
+            importlib.import_module(module)
+    except FAULTS as error:
         raise EnvironmentFaultError(
             f"a worker process cannot import the environment ({error!r}); put it into a module, or set env.workers=1"
         ) from error
@@ -61,6 +65,13 @@ def unpack(sent: bytes) -> EnvironmentSpec:
         gym.registry.setdefault(registered.id, registered)
     described: EnvironmentSpec = spec
     return described
+
+
+def _modules_of(spec: EnvironmentSpec, registered: Any) -> list[str]:
+    """Return the modules that the id and the entry point name in front of a colon, each once."""
+    entry_point = getattr(registered, "entry_point", None)
+    named = [spec.id, entry_point if isinstance(entry_point, str) else ""]
+    return list(dict.fromkeys(module for text in named if (module := text.rpartition(":")[0])))
 
 
 class Workers:

@@ -17,6 +17,8 @@ from ge_torchrl.trees.controller import Names
 
 # An environment without an episode limit of its own gets this one, so that a run always ends.
 UNBOUNDED_EPISODE_STEPS = 100_000
+# What an environment raises is its fault, an attempt to end the program too; Ctrl-C is the user's.
+FAULTS = (Exception, SystemExit)
 
 # What `gym.make` gives: observations and actions are whatever the spaces say.
 GymEnvironment = gym.Env[Any, Any]
@@ -186,7 +188,7 @@ def _make(
             f"env.id must be the id of an installed Gymnasium environment, as in env.id=CartPole-v1 or "
             f"env.id=module:Name-v0; got {environment_id!r} ({_one_line(error)})"
         ) from error
-    except Exception as error:
+    except FAULTS as error:
         raise EnvironmentFaultError(f"env.id={environment_id} raised {error!r} while it was made") from error
     return environment
 

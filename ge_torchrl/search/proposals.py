@@ -231,9 +231,12 @@ def propose_neighbours(
         generation: Number of the generation, whose training episodes judge neighbours.
     """
     settings, config = problem.config.archive, problem.config
-    if settings.neighbours == 0 or not archive.members:
+    features = np.flatnonzero([len(of) > 0 for of in problem.tables.grammar.constants])
+    # A grammar of leaves alone tests no feature, so its trees have no neighbours.
+    if settings.neighbours == 0 or not archive.members or len(features) == 0:
         return []
-    drawn = _draw(problem, archive, stream(config.seed, f"neighbours, generation {generation}"))
+    rng = stream(config.seed, f"neighbours, generation {generation}")
+    drawn = _draw(problem, archive, features, rng)
     sizes = drawn.num_decision_nodes
     untried = np.array(
         [
@@ -274,11 +277,12 @@ def propose_kept(problem: Problem, archive: Archive, generation: int) -> list[Pr
     ]
 
 
-def _draw(problem: Problem, archive: Archive, rng: np.random.Generator) -> Forest:
+def _draw(
+    problem: Problem, archive: Archive, features: NDArray[np.int64], rng: np.random.Generator
+) -> Forest:
     """Draw neighbours of kept trees that small tournaments, every second one of one, choose."""
     members, spec = archive.members, problem.backend.spec
     fitness = np.array([member.archive_fitness for member in members])
-    features = np.flatnonzero([len(of) > 0 for of in problem.tables.grammar.constants])
     hoods: dict[int, Neighbourhood] = {}
     drawn = []
     for _ in range(problem.config.archive.neighbours_drawn):

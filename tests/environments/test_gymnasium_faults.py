@@ -67,6 +67,8 @@ def test_a_late_violation_is_warned_of_and_the_bound_is_given_up(open_gymnasium,
             r"raised RuntimeError\('the motor\\nis on fire'\); episode seed 0, step 2, action",
         ),
         (faulty.RaisingInResetEnv, r"raised RuntimeError\('no fuel'\) in reset; episode seed 0, step 0$"),
+        (faulty.LeavingEnv, r"raised SystemExit\('licence expired'\); episode seed 0, step 2, action"),
+        (faulty.LeavingInResetEnv, r"raised SystemExit\(3\) in reset; episode seed 0, step 0$"),
         (faulty.NaNEnv, r"returned an observation with NaN, \[nan, nan\]; episode seed 0, step 1, action"),
         (
             faulty.NaNRewardEnv,

@@ -1,6 +1,8 @@
 """Worker processes change nothing but the time, and are counted, limited and mended like one."""
 
 import os
+import subprocess
+import sys
 import time
 
 import faulty_environments as faulty
@@ -121,3 +123,40 @@ def test_only_the_cores_of_this_process_are_counted(monkeypatch):
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.setattr(os, "cpu_count", lambda: None)
     assert backend_module.available_cores() == 1
+
+
+REGISTERING = """
+import gymnasium
+from environments_for_tests import WalkEnv
+
+
+class RegisteringEnv(WalkEnv):
+    pass
+
+
+gymnasium.register("Registering-v0", "registering:RegisteringEnv")
+"""
+
+
+@pytest.mark.parametrize("environment_id", ["registering:Registering-v0", "Registering-v0"])
+def test_a_module_that_registers_its_environment_does_so_once_in_a_worker(tmp_path, environment_id):
+    """A worker begins with an empty registry, as another process does here."""
+    (tmp_path / "registering.py").write_text(REGISTERING)
+    program = (
+        "import sys, gymnasium\n"
+        "from ge_torchrl.environments.gymnasium_workers import unpack\n"
+        "from ge_torchrl.environments.spec import make_gymnasium\n"
+        "make_gymnasium(unpack(sys.stdin.buffer.read()))\n"
+    )
+    packing = (
+        "import sys, registering\n"
+        "from ge_torchrl.environments.gymnasium_workers import portable\n"
+        "from ge_torchrl.environments.spec import describe\n"
+        f"sys.stdout.buffer.write(portable(describe({environment_id!r})))\n"
+    )
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    packed = subprocess.run([sys.executable, "-c", packing], env=path, capture_output=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=path, input=packed.stdout, capture_output=True, check=False
+    )
+    assert (done.returncode, done.stderr.decode()) == (0, "")

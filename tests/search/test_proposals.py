@@ -354,3 +354,11 @@ class TestKept:
         drawn = [propose_kept(problem, self.ARCHIVE, g)[0].tree for g in [*range(20), 3]]
         assert set(drawn) == {GOOD, POOR}, "a lone leaf has nothing to refine"
         assert drawn[-1] == drawn[3]
+
+
+def test_a_grammar_of_leaves_alone_gives_no_neighbours(opened):
+    problem = problem_of(
+        opened, grammar={"bnf": "<dt> ::= left | right"}, archive={"keep": 8, "neighbours": 4}
+    )
+    kept = Archive((member(leaf(0)), member(leaf(1))))
+    assert propose_neighbours(problem, kept, {}, generation=1) == []

@@ -24,6 +24,22 @@ class RaisingInResetEnv(CountdownEnv):
         raise RuntimeError("no fuel")
 
 
+class LeavingEnv(CountdownEnv):
+    """Ends the program in its third step."""
+
+    def step(self, action):
+        if self.steps == 2:
+            raise SystemExit("licence expired")
+        return super().step(action)
+
+
+class LeavingInResetEnv(CountdownEnv):
+    """Ends the program in reset."""
+
+    def reset(self, **_):
+        raise SystemExit(3)
+
+
 class NaNEnv(CountdownEnv):
     """Observes NaN after its second step."""
 
