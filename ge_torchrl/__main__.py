@@ -4,13 +4,20 @@ Whatever the user mistyped is found by composing every job of the command line i
 one line before Hydra makes a folder.
 """
 
-import argparse
-import itertools
 import os
+import signal
+
+if __name__ == "__main__":
+    # Until main takes over there is nothing to save: Ctrl-C while packages are imported ends quietly.
+    signal.signal(signal.SIGINT, lambda *_: os._exit(130))
+
+import argparse
+import difflib
+import itertools
 import secrets
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -36,6 +43,8 @@ from ge_torchrl.config import Config, check_choice, check_group, check_key, temp
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 
 _LONGEST_NAME = 160
+# Where Hydra makes the folders of runs.
+_FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
 _VERSION_BASE = "1.3"
 _PACKAGE = Path(__file__).resolve().parent
 # A wheel carries the configuration within the package, a checkout beside it.
@@ -49,9 +58,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     interrupt, 141 where nobody reads the output any more.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    prepare_output()
     try:
-        verb = VERBS.get(arguments[0]) if arguments else None
+        if __name__ == "__main__":
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        prepare_output()
+        verb = _verb(arguments)
         status = verb(arguments[1:]) if verb else _run(arguments)
         sys.stdout.flush()
     except UserError as error:
@@ -63,6 +74,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             return OUTPUT_CLOSED
         raise
     return status
+
+
+def _verb(arguments: Sequence[str]) -> Callable[[list[str]], int] | None:
+    """Return the command that the first word names; None where the words are those of a run."""
+    word = arguments[0] if arguments else ""
+    if word not in VERBS and (meant := difflib.get_close_matches(word, VERBS, n=1)):
+        raise UserError(f"{word} is unknown; expected key=value, such as seed=3, or {meant[0]}; got {word!r}")
+    return VERBS.get(word)
 
 
 def _run(arguments: list[str]) -> int:
@@ -88,7 +107,7 @@ def _run(arguments: list[str]) -> int:
         # A value that follows from others is shown as what it is, not as how it follows.
         arguments = ["--resolve", *arguments]
     launch = hydra.main(version_base=_VERSION_BASE, config_path=str(_CONF), config_name="config")(job)
-    with _command_line(arguments), _in_our_words():
+    with _command_line(arguments), _in_our_words(), _folder_told(options):
         try:
             launch()
         except _JobFailedError as failed:
@@ -144,11 +163,17 @@ def _check(options: argparse.Namespace) -> None:
         overrides = OverridesParser.create(config_loader=loader).parse_overrides(options.overrides)
         for override in overrides:
             _check_override(override, sweep=sweep)
-        searched = _searched(options.config_dir)
         config_name = options.config_name or "config"
-        configs = [
-            _config_from(hydra.compose(config_name, overrides=[*job, *searched])) for job in _jobs(overrides)
-        ]
+        searched = _searched(options.config_dir, config_name)
+
+        def composed(job: Iterable[str]) -> DictConfig:
+            return hydra.compose(config_name, overrides=[*job, *searched])
+
+        configs = []
+        for job in _jobs(overrides):
+            values = composed(job)
+            _check_experiment(job, values, composed)
+            configs.append(_config_from(values))
     if options.cfg or options.help or options.info:
         return
     from ge_torchrl.run.plan import plan
@@ -158,19 +183,52 @@ def _check(options: argparse.Namespace) -> None:
         plan(config)
 
 
-def _searched(config_dir: str | None) -> list[str]:
+def _searched(config_dir: str | None, config_name: str) -> list[str]:
     """Return the override that makes `compose` look into the folder of --config-dir too."""
     if config_dir is None:
         return []
     folder = Path(config_dir).resolve()
     if not folder.is_dir():
         raise ConfigError(f"--config-dir must be a folder with choices; got {config_dir}")
+    name = Path(config_name).with_suffix(".yaml").name
+    if (folder / name).is_file() and (_CONF / name).is_file():
+        raise ConfigError(
+            f"--config-dir must be a folder with choices alone, because its {name} would not be read; "
+            f"got {config_dir}; a run's {name} is read by --config-path {folder} --config-name {config_name}"
+        )
     quoted = str(folder).replace("'", r"\'")
     return [f"hydra.searchpath=['{quoted}']"]
 
 
+def _check_experiment(
+    job: Sequence[str], values: DictConfig, composed: Callable[[Iterable[str]], DictConfig]
+) -> None:
+    """Refuse another environment beside an experiment that fixes its own.
+
+    Args:
+        job: The overrides of a job.
+        values: What they compose.
+        composed: Composes overrides.
+    """
+    typed = {
+        key: word for word in job if (key := word.partition("=")[0].lstrip("+")) in ("experiment", "env")
+    }
+    if len(typed) < 2:
+        return
+    chosen = composed(word for word in job if word != typed["experiment"])
+    fixed, asked = (OmegaConf.select(of, "env.id") for of in (values, chosen))
+    if fixed != asked:
+        raise ConfigError(
+            f"{typed['experiment']} fixes the environment, {fixed}, so expected no other one; got {typed['env']}"
+        )
+
+
 def _check_override(override: Override, *, sweep: bool) -> None:
     key = override.key_or_group
+    if key in _FOLDERS and not override.is_sweep_override() and override.value() in ("", None):
+        raise ConfigError(
+            f"{key} must be a folder, because a run leaves its files there; got {override.input_line}"
+        )
     if override.is_sweep_override() and not sweep:
         raise ConfigError(f"{key} must be one value; got {override.input_line}; for a run of each, add -m")
     names_a_file = override.is_sweep_override() or override.is_delete() or isinstance(override.value(), str)
@@ -275,6 +333,21 @@ def _in_our_words() -> Iterator[None]:
         raise ConfigError(f"expected key=value, such as seed=3; got {error.override!r}") from error
     except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
         raise ConfigError(_one_line(error)) from error
+
+
+@contextmanager
+def _folder_told(options: argparse.Namespace) -> Iterator[None]:
+    """Tell of a folder that Hydra cannot make; what a run writes is told by the run itself."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        key = "hydra.sweep.dir" if options.multirun else "hydra.run.dir"
+        raise ConfigError(
+            f"{key} must be a folder that can be made, because a run leaves its files there; "
+            f"got {error.filename} ({error.strerror})"
+        ) from error
 
 
 def _one_line(error: BaseException) -> str:

@@ -151,6 +151,15 @@ def refuse(key: str, value: object, expected: str, because: str = "", hint: str 
     if isinstance(value, str) and value == UNSET:
         raise ConfigError(f"{key} has no value; expected {expected}; got nothing")
     reason = f", because {because}" if because else ""
-    came = "null" if value is None else repr(value)
+    came = _as_typed(value)
     more = f"; {hint}" if hint else ""
     raise ConfigError(f"{key} must be {expected}{reason}; got {came}{more}")
+
+
+def _as_typed(value: object) -> str:
+    """Return a value as a user types it, not as Python shows it."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(list(value)) if isinstance(value, tuple) else repr(value)

@@ -62,10 +62,15 @@ class RunFolder:
             raise ArtefactError(
                 f"hydra.run.dir must be a folder without a run, so that nothing is lost; {path} holds one already"
             )
-        with told_of(path):
-            path.mkdir(parents=True, exist_ok=True)
         folder = cls(path)
-        folder.write_config(config)
+        try:
+            with told_of(path):
+                path.mkdir(parents=True, exist_ok=True)
+            folder.write_config(config)
+        except ArtefactError as error:
+            raise ArtefactError(
+                f"hydra.run.dir must be a folder that can be written, because a run leaves its files there; {error}"
+            ) from error
         return folder
 
     def history_writer(self) -> RecordWriter:

@@ -41,7 +41,7 @@ class PPOConfig(Section):
 
     max_timesteps: int = setting(
         40_000,
-        at_least=1,
+        at_least=2,
         because="PPO learns from samples",
         doc="Environment steps of one tree's refinement.",
     )

@@ -7,6 +7,8 @@ from ge_torchrl.config.setting import Section, probability, setting
 
 _POPULATION_SIZE = 200
 _MOST_CODONS = (8 << 30) // 4
+# Threads and processes: as many as the largest machines have cores.
+_MOST_THREADS = 1024
 
 
 @dataclass(frozen=True)
@@ -50,16 +52,10 @@ class EnvironmentConfig(Section):
     workers: int = setting(
         0,
         at_least=0,
-        because="it counts processes",
+        at_most=_MOST_THREADS,
+        because="it counts processes, of which more than there are cores gain nothing",
         doc="Worker processes of the Gymnasium route; 0 decides by itself.",
     )
-
-    def check_together(self) -> None:
-        """Refuse units without features."""
-        if self.units and len(self.units) != len(self.features):
-            self.refuse(
-                "units", "one unit for each feature", "an empty text stands for a feature without unit"
-            )
 
 
 @dataclass(frozen=True)
@@ -210,7 +206,11 @@ class EvaluationConfig(Section):
         doc="Unseen episodes of the final test.",
     )
     threads: int = setting(
-        0, at_least=0, because="it counts threads", doc="Threads of the kernel route; 0 takes all cores."
+        0,
+        at_least=0,
+        at_most=_MOST_THREADS,
+        because="it counts threads, of which more than there are cores gain nothing",
+        doc="Threads of the kernel route; 0 takes all cores.",
     )
     steps_per_second: float | None = setting(
         None,

@@ -181,7 +181,7 @@ def _make(
     except gym.error.DependencyNotInstalled as error:
         raise EnvironmentFaultError(
             f"env.id={environment_id} needs packages that are not installed ({_one_line(error)}); "
-            f'for Box2D environments: pip install "ge-torchrl[box2d]"'
+            f'for Box2D environments: pip install -c constraints.txt -e ".[box2d]"'
         ) from error
     except (gym.error.Error, ImportError) as error:
         raise EnvironmentFaultError(

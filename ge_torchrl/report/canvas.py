@@ -20,7 +20,7 @@ BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, YELLOW, GREY = "#56B4E9", "#CC79A7", "#F0E442", "#999999"
 _RUN_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 
-PLOTS_HINT = 'figures need matplotlib; expected it installed: pip install "ge-torchrl[plots]"'
+PLOTS_HINT = 'figures need matplotlib; expected it installed: pip install -c constraints.txt -e ".[plots]"'
 
 _DPI = 150
 # An Agg image has less than 2^16 pixels a side; a long tree is drawn with fewer dots an inch instead.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
+from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
 
@@ -37,5 +38,8 @@ def plan(config: Config) -> Plan:
     spec = describe(env.id, env.features, env.units, env.actions, env.solved_at, env.max_episode_steps)
     if env.route == "kernel":
         open_backend(spec, env.route, threads=1).close()
-    grammar = read_grammar(config.grammar.bnf, spec.names.features, spec.names.actions)
-    return Plan(config, spec, compile_rules(grammar))
+    try:
+        tables = compile_rules(read_grammar(config.grammar.bnf, spec.names.features, spec.names.actions))
+    except GrammarError as error:
+        raise GrammarError(f"grammar.bnf, {error}") from error
+    return Plan(config, spec, tables)

@@ -1,15 +1,20 @@
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from pages_for_tests import ROOT
 
 import ge_torchrl
 from ge_torchrl import __main__ as command_line
 from ge_torchrl.__main__ import main
+from ge_torchrl.artefacts.folder import CONFIG, RunFolder
 from ge_torchrl.errors import EnvironmentFaultError, RunFaultError
+
+CONF = ROOT / "conf"
 
 
 def test_each_run_has_a_folder_of_its_own_and_nothing_else_is_written(experiment, tmp_path):
@@ -114,6 +119,29 @@ def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experim
         (["--cfg", "job", "-m"], "Only one of --run, --multirun, --cfg"),
         (["seed=1", "-m", "env=cartpole"], "env=cartpole stands apart"),
         (["--config-dir", "nowhere"], "--config-dir must be a folder with choices; got nowhere"),
+        (
+            ["--config-dir", str(CONF)],
+            "--config-dir must be a folder with choices alone, because its config.yaml",
+        ),
+        (
+            ["experiment=thesis/cartpole", "env=acrobot"],
+            "experiment=thesis/cartpole fixes the environment, CartPole-v1, so expected no other one; got env=acrobot",
+        ),
+        (
+            ["-m", "env=cartpole,acrobot", "experiment=thesis/cartpole"],
+            "experiment=thesis/cartpole fixes the environment, CartPole-v1, so expected no other one; got env=acrobot",
+        ),
+        (
+            ["hydra.run.dir="],
+            "hydra.run.dir must be a folder, because a run leaves its files there; got hydra.run.dir=",
+        ),
+        (["-m", "hydra.sweep.dir=''"], "hydra.sweep.dir must be a folder, because a run leaves its files"),
+        (["hydra.run.dir=null"], "hydra.run.dir must be a folder, because a run leaves its files there; got"),
+        (
+            ["evalute", "x"],
+            "evalute is unknown; expected key=value, such as seed=3, or evaluate; got 'evalute'",
+        ),
+        (["reports"], "reports is unknown; expected key=value, such as seed=3, or report; got 'reports'"),
         (["evaluate"], "the following arguments are required: TREE_OR_RUN"),
         (
             ["evaluate", "tree", "--episodes", "0"],
@@ -144,11 +172,34 @@ def test_mistake_is_one_line_and_writes_nothing(experiment, tmp_path, capsys, ar
     assert list(tmp_path.iterdir()) == []
 
 
-def test_output_folder_that_cannot_be_made_is_one_line(experiment, tmp_path, capsys):
-    (tmp_path / "outputs").write_text("a file stands where the folder should be")
-    assert main([]) == 2
-    assert "outputs" in capsys.readouterr().err
+@pytest.mark.parametrize(("folder", "reason"), [("afile", "File exists"), ("afile/run", "Not a directory")])
+def test_output_folder_that_cannot_be_made_is_one_line(experiment, tmp_path, capsys, folder, reason):
+    (tmp_path / "afile").write_text("a file stands where the folder should be")
+    for mode, key in (([], "hydra.run.dir"), (["-m"], "hydra.sweep.dir")):
+        assert main([*mode, f"{key}={folder}"]) == 2
+        told = capsys.readouterr().err
+        assert told.startswith(
+            f"ge-torchrl: {key} must be a folder that can be made, because a run leaves its"
+        )
+        assert told.endswith(f"({reason})\n")
+        assert f"got {tmp_path / folder}" in told or f"got {folder}" in told
+        assert told.count("\n") == 1
     assert experiment.runs == []
+
+
+def test_an_experiment_may_stand_beside_its_own_environment(experiment):
+    assert main(["experiment=thesis/acrobot", "env=acrobot"]) == 0
+    assert [config.env.id for config, _ in experiment.runs] == ["Acrobot-v1"]
+
+
+def test_the_configuration_of_a_run_is_read_again_as_readme_says(experiment, tmp_path):
+    assert main(["env=mountaincar", "seed=7", "ge.generations=9"]) == 0
+    given, _ = experiment.runs[0]
+    RunFolder.create(tmp_path / "RUN", given)
+    form = f"--config-path $PWD/RUN --config-name {Path(CONFIG).stem}"
+    assert form in (ROOT / "README.md").read_text()
+    assert main(form.replace("$PWD", str(tmp_path)).split()) == 0
+    assert experiment.runs[1][0] == given
 
 
 def test_error_that_the_user_can_mend_is_one_line(experiment, capsys):
@@ -332,6 +383,20 @@ def test_output_that_nobody_reads_any_more_ends_the_program_quietly(tmp_path):
         program.stdout.close()
         errors = program.stderr.read()
     assert (program.returncode, errors) == (141, b"")
+
+
+@pytest.mark.parametrize("package", ["hydra", "yaml", "gymnasium"])
+def test_ctrl_c_while_packages_are_imported_is_quiet(tmp_path, package):
+    (tmp_path / f"{package}.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "ge_torchrl"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+        capture_output=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
 
 
 def test_information_that_nobody_reads_ends_quietly(tmp_path):

@@ -74,7 +74,8 @@ def test_without_matplotlib_the_tables_are_printed_all_the_same(sweep, monkeypat
     assert "| seed |" in printed.out
     assert "report:" not in printed.out
     assert printed.err == (
-        'ge-torchrl: no report: figures need matplotlib; expected it installed: pip install "ge-torchrl[plots]"\n'
+        "ge-torchrl: no report: figures need matplotlib; expected it installed: "
+        'pip install -c constraints.txt -e ".[plots]"\n'
     )
     assert not (sweep / "report").exists()
     assert main(["report", str(sweep), "--output", "out"]) == 2

@@ -6,7 +6,7 @@ from configs_for_tests import VALUES, config_with
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ge_torchrl.config import Config, EnvironmentConfig, GEConfig
+from ge_torchrl.config import Config, EnvironmentConfig, EvaluationConfig, GEConfig
 from ge_torchrl.errors import ConfigError
 
 
@@ -19,7 +19,7 @@ from ge_torchrl.errors import ConfigError
             1,
             "ge.population_size must be an integer of at least 2 or null, because selection compares .*; got 1",
         ),
-        ("ge", "population_size", True, "ge.population_size must be an integer .* got True"),
+        ("ge", "population_size", True, "ge.population_size must be an integer .* got true"),
         ("ge", "population_size", 2.5, "ge.population_size must be an integer .* got 2.5"),
         ("ge", "population_size", "20", "ge.population_size must be an integer .* got '20'"),
         ("ge", "generations", None, "ge.generations must be an integer .* got null"),
@@ -38,7 +38,7 @@ from ge_torchrl.errors import ConfigError
             "ge",
             "mutation_probability",
             True,
-            "ge.mutation_probability must be a number from 0 to 1.*; got True",
+            "ge.mutation_probability must be a number from 0 to 1.*; got true",
         ),
         ("ge", "tournament_size", 0, "ge.tournament_size must be an integer of at least 1"),
         ("ge", "wraps", -1, "ge.wraps must be an integer of at least 0"),
@@ -68,10 +68,10 @@ from ge_torchrl.errors import ConfigError
         ("env", "id", "???", "env.id has no value; expected a Gymnasium id such as CartPole-v1; got nothing"),
         ("env", "features", "x", "env.features must be a list of names that differ .*; got 'x'"),
         ("env", "features", [1], r"env.features must be a list of names .*; got \[1\]"),
+        ("env", "features", ("a", "a"), r"env.features must be a list of names .*; got \['a', 'a'\]"),
         ("env", "units", [1], r"env.units must be a list of texts; got \[1\]"),
         ("env", "features", ["x", "x"], "env.features must be a list of names that differ from each other"),
         ("env", "actions", ["left", ""], "env.actions must be a list of names that differ from each other"),
-        ("env", "units", ["m"], "env.units must be one unit for each feature"),
         ("env", "solved_at", float("inf"), "env.solved_at must be a finite number or null; got inf"),
         (
             "env",
@@ -87,7 +87,7 @@ from ge_torchrl.errors import ConfigError
             "env.route must be one of .*; got 'compiled'; compiled is now called kernel",
         ),
         ("env", "max_episode_steps", 0, "env.max_episode_steps must be an integer of at least 1 or null"),
-        ("env", "workers", -1, "env.workers must be an integer of at least 0"),
+        ("env", "workers", -1, "env.workers must be an integer from 0 to 1024"),
         ("grammar", "bnf", "", "grammar.bnf must be rules in Backus-Naur form; got ''"),
         ("grammar", "name", 3, "grammar.name must be the name of the grammar; got 3"),
         ("evaluation", "episodes", 0, "evaluation.episodes must be an integer of at least 1"),
@@ -111,7 +111,7 @@ from ge_torchrl.errors import ConfigError
             0,
             "evaluation.steps_per_second must be a finite number above 0 or null",
         ),
-        ("evaluation", "threads", -1, "evaluation.threads must be an integer of at least 0"),
+        ("evaluation", "threads", -1, "evaluation.threads must be an integer from 0 to 1024"),
     ],
 )
 def test_wrong_value_is_named_with_what_was_expected(section, key, value, message):
@@ -150,11 +150,9 @@ def test_everything_within_its_range_is_accepted(population_size, generations, g
     assert dataclasses.astuple(config)[:4] == (population_size, generations, genotype_length, probability)
 
 
-def test_units_may_be_blank_and_alike_but_not_without_features():
+def test_units_may_be_blank_and_alike():
     environment = EnvironmentConfig(id="E-v0", features=("a", "b"), units=("", ""))
     assert environment.units == ("", "")
-    with pytest.raises(ConfigError, match=r"^env.units"):
-        EnvironmentConfig(id="E-v0", units=("m",))
 
 
 @pytest.mark.parametrize(
@@ -180,3 +178,13 @@ def test_units_may_be_blank_and_alike_but_not_without_features():
 def test_settings_of_the_archive_are_checked(key, value, message):
     with pytest.raises(ConfigError, match=message):
         Config.from_mapping({**VALUES, "archive": {key: value}})
+
+
+@pytest.mark.parametrize(
+    ("section", "key"), [(EvaluationConfig, "evaluation.threads"), (EnvironmentConfig, "env.workers")]
+)
+def test_threads_and_processes_are_as_many_as_the_largest_machines_have_cores(section, key):
+    name, given = key.partition(".")[2], {"id": "E-v0"} if section is EnvironmentConfig else {}
+    assert getattr(section(**given, **{name: 1024}), name) == 1024
+    with pytest.raises(ConfigError, match=rf"^{key} must be an integer from 0 to 1024, because it counts"):
+        section(**given, **{name: 1025})

@@ -10,7 +10,7 @@ from ge_torchrl.report.canvas import has_matplotlib, new_figure, save_figure
 def test_without_matplotlib_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setattr(canvas, "find_spec", lambda _: None)
     assert not has_matplotlib()
-    with pytest.raises(UserError, match=r'pip install "ge-torchrl\[plots\]"'):
+    with pytest.raises(UserError, match=r'pip install -c constraints.txt -e ".\[plots\]"'):
         new_figure(1, 1)
 
 

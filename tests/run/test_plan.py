@@ -30,7 +30,13 @@ def test_a_plan_knows_the_environment_and_its_grammar():
             "Discrete",
         ),
         ({"env": {"features": ("x", "y"), "units": ("", "")}}, EnvironmentFaultError, "4 features"),
-        ({"grammar": {"bnf": "\n<if> := nothing"}}, GrammarError, "line 2"),
+        (
+            {"env": {"features": ("x", "y", "z")}},
+            EnvironmentFaultError,
+            r"^env\.features must name the 4 features",
+        ),
+        ({"env": {"units": ("m",)}}, EnvironmentFaultError, r"^env\.units must name the 4 units"),
+        ({"grammar": {"bnf": "\n<if> := nothing"}}, GrammarError, r"^grammar\.bnf, line 2"),
         ({"grammar": {"bnf": BNF.replace("theta_dot", "omega")}}, GrammarError, "omega"),
     ],
 )
