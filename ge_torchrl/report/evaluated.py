@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ge_torchrl.report.sizes import SizedTree, SizeRow, are_of_one_run, by_size, sizes_table
-from ge_torchrl.report.tables import RunRow, Table, runs_table
+from ge_torchrl.report.tables import RunRow, Table, counted, runs_table
 
 _BY_SIZE = (
     'By size. "Best in validation" did best of all runs on as many other episodes, the same for all.\n'
@@ -55,8 +55,8 @@ class EvaluationSummary:
         last = self.seed + self.episodes - 1
         return (
             f"{self.environment}: mean return {self.mean:.3f} ± {self.std:.3f} "
-            f"(min {self.min:g}, max {self.max:g}) over {self.episodes} episodes\n"
-            f"seeds {self.seed} to {last}, {self.route} route, {self.decision_nodes} decision nodes\n"
+            f"(min {self.min:g}, max {self.max:g}) over {counted(self.episodes, 'episode')}\n"
+            f"seeds {self.seed} to {last}, {self.route} route, {counted(self.decision_nodes, 'decision node')}\n"
             f"{verdict(self.solved, self.solved_at)}"
         )
 

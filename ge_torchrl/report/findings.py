@@ -9,7 +9,7 @@ import numpy as np
 
 from ge_torchrl.report.runs import Run
 from ge_torchrl.report.statistics import Interval, bootstrap_interval, wilson_interval
-from ge_torchrl.report.tables import RunRow, Table, runs_table
+from ge_torchrl.report.tables import RunRow, Table, counted, runs_table
 from ge_torchrl.report.thesis.beside import published_beside, published_columns, published_in_short, source_of
 
 
@@ -120,7 +120,7 @@ def _warnings(runs: Sequence[Run]) -> list[str]:
         for warning in run.summary.warnings:
             told.setdefault(warning, []).append(run.seed)
     return [
-        f"* Warning of {len(seeds)} run{'' if len(seeds) == 1 else 's'} (seed {seeds[0]} first): {warning}"
+        f"* Warning of {counted(len(seeds), 'run')} (seed {seeds[0]} first): {warning}"
         for warning, seeds in told.items()
     ]
 

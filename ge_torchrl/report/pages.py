@@ -19,6 +19,7 @@ from ge_torchrl.report.methods import GE, METHODS, THESIS, added_by, refiner_of
 from ge_torchrl.report.refinements import refinements_text
 from ge_torchrl.report.runs import FoundRuns, Run, best_run, gather_runs
 from ge_torchrl.report.sizes import are_of_one_run, by_size, sizes_figure, sizes_table
+from ge_torchrl.report.tables import counted
 from ge_torchrl.report.thesis.beside import published_beside, refinements_of
 from ge_torchrl.report.thesis.figures import pairs_figure, solving_figure
 from ge_torchrl.report.thesis.pairs import Pair, comparison_text, pair_by_seed, telling_pairs
@@ -63,11 +64,10 @@ def write_report(folder: Path, against: Path | None, output: Path) -> Path:
 
 
 def _head(folder: Path, found: FoundRuns) -> str:
-    n = len(found.runs)
     return (
         f"# Report of {folder.resolve().name}\n\n"
-        f"{n} finished run{'' if n == 1 else 's'}, read by ge_torchrl {__version__}. {_methods(found.runs)}. Numbers "
-        "in brackets are 95 % intervals: Wilson's for rates, bootstrapped over runs for means and medians.\n\n"
+        f"{counted(len(found.runs), 'finished run')}, read by ge_torchrl {__version__}. {_methods(found.runs)}. "
+        "Numbers in brackets are 95 % intervals: Wilson's for rates, bootstrapped over runs for means and medians.\n\n"
         f"{overview_table(found.runs)}"
     )
 
@@ -172,10 +172,10 @@ def _best_tree(method: str, run: Run, stem: Path) -> str:
         f"Seed {run.seed}, pruned: test mean {run.summary.test_mean:.2f}, M = {run.summary.complexity_M:g}. "
         "It is the best in validation, so that the test stays unseen."
     )
-    decisions = run.full.tree.num_decision_nodes
+    decisions = counted(run.full.tree.num_decision_nodes, "decision node")
     return (
         f"### {run.environment}: the best tree of {method}\n\n{_image(pruned, 'The tree', caption)}\n\n"
-        f"[In full](trees/{full.name}): {decisions} decision node{'' if decisions == 1 else 's'} before pruning."
+        f"[In full](trees/{full.name}): {decisions} before pruning."
     )
 
 

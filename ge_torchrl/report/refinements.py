@@ -12,7 +12,7 @@ import numpy as np
 from ge_torchrl.artefacts.records import RefinementRecord
 from ge_torchrl.report.methods import refiner_of
 from ge_torchrl.report.runs import Run
-from ge_torchrl.report.tables import Table
+from ge_torchrl.report.tables import Table, counted
 
 _ORIGINS = {"individual": "individuals", "neighbour": "neighbours", "archive": "of the archive"}
 
@@ -170,7 +170,7 @@ def _bridges_line(bridges: Bridges) -> str:
             f"{bridges.lost_in_hardening:.2f} in hardening (soft {bridges.soft:.2f} -> {bridges.after:.2f}), "
         )
     return (
-        f"* Mean loss of each bridge, of the {_number(bridges.applications, 'tree')} with all returns known: "
+        f"* Mean loss of each bridge, of the {counted(bridges.applications, 'tree')} with all returns known: "
         f"{hardening}{bridges.lost_in_snapping:.2f} in snapping to the grammar's constants "
         f"({bridges.after:.2f} -> {bridges.snapped:.2f}). Before, they returned {bridges.before:.2f}."
     )
@@ -183,14 +183,10 @@ def _champions_line(runs: Sequence[Run], *, is_written_back: bool) -> str:
     )
     caveat = " A tree that was written back counts as one of the population." if is_written_back else ""
     return (
-        f"* The champion is a refined tree in {origins['refinement']} of {_number(len(runs), 'run')}"
+        f"* The champion is a refined tree in {origins['refinement']} of {counted(len(runs), 'run')}"
         f"{polished}.{caveat}"
     )
 
 
 def _exceeds(after: float | None, before: float | None) -> bool:
     return after is not None and before is not None and after > before
-
-
-def _number(n: int, what: str) -> str:
-    return f"{n} {what}{'' if n == 1 else 's'}"

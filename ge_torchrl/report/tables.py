@@ -53,6 +53,11 @@ class Table(NamedTuple):
         )
 
 
+def counted(n: int, thing: str) -> str:
+    """Return a number with what it counts, such as "1 tree" or "2,000 trees"."""
+    return f"1 {thing}" if n == 1 else f"{n:,} {thing}s"
+
+
 @dataclass(frozen=True)
 class RunRow:
     """A run, its champion and what a test said of it; what is not known is None.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
 from ge_torchrl.artefacts.records import ArchiveRecord, Summary
 from ge_torchrl.report.evaluated import verdict
 from ge_torchrl.report.sizes import by_size, sizes_table, trees_of_archive
+from ge_torchrl.report.tables import counted
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.text import render_rules, render_text
 
@@ -30,6 +32,9 @@ def closing_text(
     shown_path: Path,
     archive: Sequence[ArchiveRecord] = (),
     refiner: str = "refinement",
+    *,
+    improved: int | None = None,
+    width: int | None = None,
 ) -> str:
     """Return the closing summary of a run.
 
@@ -39,8 +44,10 @@ def closing_text(
         shown_path: The run folder, as the user is to read it.
         archive: The best tree of each size; empty where the run kept none.
         refiner: What refined trees, such as "PPO".
+        improved: How many of the refined trees became better; None where nobody counted.
+        width: Of the terminal; None where lines may be of any length.
     """
-    nodes = "1 decision node" if summary.decision_nodes == 1 else f"{summary.decision_nodes} decision nodes"
+    nodes = counted(summary.decision_nodes, "decision node")
     rows = [
         *([] if summary.stopped_by == "generations" else [("stopped by", summary.stopped_by)]),
         ("training", f"{summary.train_fitness:.2f}  the champion's fitness on its training episodes"),
@@ -54,11 +61,11 @@ def closing_text(
         (
             "effort",
             (
-                f"{summary.generations} generations, {summary.env_steps_total:,} steps of the environment, "
+                f"{counted(summary.generations, 'generation')}, {summary.env_steps_total:,} steps of the environment, "
                 f"{summary.evolve_seconds:.1f} s of search, {summary.wall_seconds:.1f} s in all"
             ),
         ),
-        *_refinement_rows(summary, refiner),
+        *_refinement_rows(summary, refiner, improved),
         *(("warning", warning) for warning in summary.warnings),
         ("run folder", str(shown_path)),
     ]
@@ -66,26 +73,32 @@ def closing_text(
     parts = [
         render_text(controller.tree, controller.names),
         *([sizes_table(sizes).aligned()] if sizes else []),
-        "\n".join(f"{name:<11} {text}" for name, text in rows),
+        "\n".join(_row(name, text, width) for name, text in rows),
     ]
     return "\n\n".join(parts)
 
 
-def _refinement_rows(summary: Summary, refiner: str) -> list[tuple[str, str]]:
+def _row(name: str, text: str, width: int | None) -> str:
+    """Return a row, broken between words where it is wider than the terminal; what has no blanks stays whole."""
+    row = f"{name:<11} {text}"
+    if width is None or len(row) <= width:
+        return row
+    return textwrap.fill(
+        row, width, subsequent_indent=" " * 12, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def _refinement_rows(summary: Summary, refiner: str, improved: int | None) -> list[tuple[str, str]]:
     """Return what was refined and polished, and whether the champion came of it."""
     rows = []
     if summary.refined:
-        told = f"{_trees(summary.refined)} refined in {summary.refine_seconds:.1f} s"
-        if summary.refinements:
-            told += f"; {summary.refinements_improved:,} of {summary.refinements:,} individuals improved"
-        rows.append((refiner, told))
+        told = f"{counted(summary.refined, 'tree')} refined in {summary.refine_seconds:.1f} s"
+        rows.append((refiner, told if improved is None else f"{told}, {improved:,} of them improved"))
     if summary.polished:
-        rows.append(("polish", f"{_trees(summary.polished)} polished in {summary.polish_seconds:.1f} s"))
+        rows.append(
+            ("polish", f"{counted(summary.polished, 'tree')} polished in {summary.polish_seconds:.1f} s")
+        )
     if rows and summary.champion_from in _CHAMPION_FROM:
         name, told = rows[-1]
         rows[-1] = (name, f"{told}; {_CHAMPION_FROM[summary.champion_from]}")
     return rows
-
-
-def _trees(n: int) -> str:
-    return "1 tree" if n == 1 else f"{n:,} trees"

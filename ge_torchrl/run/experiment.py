@@ -22,11 +22,12 @@ from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.errors import GrammarError, RunFaultError, UserError
 from ge_torchrl.refiners.protocol import FIRST, Effort, Refined, Refiner
 from ge_torchrl.report.methods import method_of, refiner_of
+from ge_torchrl.report.tables import counted
 from ge_torchrl.run.allowance import Allowance, Phase
 from ge_torchrl.run.closing import closing_text
 from ge_torchrl.run.loop import Search
 from ge_torchrl.run.plan import Plan, plan
-from ge_torchrl.run.progress import Progress
+from ge_torchrl.run.progress import Progress, print_line
 from ge_torchrl.run.recording import (
     generation_record,
     refinement_records,
@@ -45,6 +46,7 @@ from ge_torchrl.search.conclusion import (
     train_fitness_of,
 )
 from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.refinement import IMPROVED
 from ge_torchrl.search.restarts import together
 from ge_torchrl.search.state import Events, SearchState
 from ge_torchrl.trees.complexity import complexity
@@ -104,14 +106,15 @@ class _Run:
         self.search = Search(self.problem, self._watch)
         self.warnings: list[str] = []
         self.refine_seconds = self.polish_seconds = 0.0
+        self.improved = 0
 
     def to_the_end(self) -> Summary:
         config, console = self.config, self.console
-        console.print(
-            f"{self.backend.spec.id}, seed {config.seed}: {config.ge.generations} generations of "
-            f"{config.ge.population_size} trees, {config.evaluation.episodes} episodes each, "
+        print_line(
+            console,
+            f"{self.backend.spec.id}, seed {config.seed}: {counted(config.ge.generations, 'generation')} of "
+            f"{config.ge.population_size} trees, {counted(config.evaluation.episodes, 'episode')} each, "
             f"{self.backend.name} route",
-            soft_wrap=True,
         )
         with ExitStack() as opened:
             opened.enter_context(_warnings_told(self.warnings, console))
@@ -123,9 +126,14 @@ class _Run:
             try:
                 stopped_by, evolve_seconds, verdict = self._search_and_choose()
             except KeyboardInterrupt:
-                console.print(f"interrupted; {self._save_what_there_is()}", soft_wrap=True, markup=False)
+                saved = self._save_what_there_is()
+                self.progress.end()
+                print_line(console, f"interrupted; {saved}")
                 raise
             except Exception as fault:
+                if isinstance(fault, BrokenPipeError) and console.quiet:
+                    self._save_what_there_is()
+                    raise  # Nobody reads the screen any more; nothing broke.
                 raise self._told_with_what_there_is(fault) from fault
         records = write_verdict(config, self.names, self.folder, verdict)
         summary = self._summary(verdict, stopped_by, evolve_seconds)
@@ -135,7 +143,13 @@ class _Run:
 
     def _progress(self) -> Progress:
         config = self.config
-        return Progress(self.console, config.ge.generations, config, fraction_after_search(config))
+        return Progress(
+            self.console,
+            config.ge.generations,
+            config,
+            fraction_after_search(config),
+            compiles=self.backend.name == "kernel",
+        )
 
     def _search_and_choose(self) -> tuple[str, float, Verdict]:
         self.backend.limit = self.allowance.until(Phase.SEARCH)
@@ -183,6 +197,7 @@ class _Run:
         self.polish_seconds += events.polish_seconds
         for refinement in refinement_records(state, events):
             self.refinements.write(refinement)
+            self.improved += refinement.outcome == IMPROVED
             self.progress.show_refinement(refinement)
         record = generation_record(state, events, self.backend.steps.total(), elapsed)
         self.history.write(record)
@@ -250,10 +265,16 @@ class _Run:
         shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
         controller = Controller(verdict.champion.pruned, self.names)
         self.console.print()
-        self.console.print(
-            closing_text(summary, controller, shown, records, refiner_of(method_of(self.config))),
-            soft_wrap=True,
+        text = closing_text(
+            summary,
+            controller,
+            shown,
+            records,
+            refiner_of(method_of(self.config)),
+            improved=self.improved,
+            width=self.console.width if self.console.is_terminal else None,
         )
+        self.console.print(text, soft_wrap=True)
 
 
 def _refiners(config: Config, backend: Backend) -> tuple[Refiner | None, Refiner | None]:
@@ -310,4 +331,4 @@ class _Teller(logging.Handler):
         text = record.getMessage()
         if text not in self._told:
             self._told.append(text)
-            self._console.print(f"warning: {text}", soft_wrap=True, markup=False)
+            print_line(self._console, f"warning: {text}")

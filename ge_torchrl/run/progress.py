@@ -15,6 +15,7 @@ from rich.text import Text
 from ge_torchrl.artefacts.records import GenerationRecord, RefinementRecord
 from ge_torchrl.config import Config
 from ge_torchrl.report.methods import method_of, refiner_of
+from ge_torchrl.report.tables import counted
 from ge_torchrl.run.remaining import Pace, duration, seconds_left
 
 # The table shows the generations that brought something new, and the last one.
@@ -25,6 +26,8 @@ _MOST_REFINEMENTS = 12
 _REFRESH_SECONDS = 0.1
 # Plain output is silent for at most so long, and for a twentieth of a long run.
 _SILENCE_SECONDS, _SILENCE_SHARE = 5.0, 0.05
+# Kernels that were compiled before are loaded in less than this.
+_LOADED_SECONDS = 1.0
 
 
 class Progress:
@@ -36,10 +39,17 @@ class Progress:
         config: The run's configuration: how trees are refined, and the limits of the run.
         fraction_after_search: Share of the whole run's time that the last refinement, validation and test are
             expected to take.
+        compiles: Whether kernels may have to be compiled before the first step.
     """
 
     def __init__(
-        self, console: Console, generations: int, config: Config, fraction_after_search: float = 0.0
+        self,
+        console: Console,
+        generations: int,
+        config: Config,
+        fraction_after_search: float = 0.0,
+        *,
+        compiles: bool = False,
     ) -> None:
         self._console = console
         self._generations = generations
@@ -48,6 +58,7 @@ class Progress:
         self._columns = _columns(config)
         self._ge = config.ge
         self._fraction_after_search = fraction_after_search
+        self._compiles = compiles
         self._milestones: list[GenerationRecord] = []
         self._last: GenerationRecord | None = None
         self._printed: GenerationRecord | None = None
@@ -71,12 +82,15 @@ class Progress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """Show the last generation, and leave the screen to whoever prints next; it may be called again."""
         self._phase = ""
-        if self._live is not None:
+        if self._live is not None and self._live.is_started:
             self._refresh()
             self._live.stop()
-        elif self._last is not None and self._last is not self._printed:
-            self._print_record(self._last)
+        self._print_held()
 
     def show(self, record: GenerationRecord) -> None:
         """Show one more generation."""
@@ -101,6 +115,7 @@ class Progress:
         """Say what begins now, such as "Validating"; a generation ends it."""
         self._phase = phase
         if self._live is None:
+            self._print_held()
             self._print(phase)
         else:
             self._refresh()
@@ -128,7 +143,10 @@ class Progress:
         return time.monotonic() - self._started
 
     def _status(self) -> str:
-        parts = [f"{self._steps:,} steps of the environment in {duration(self._seconds())}"]
+        seconds = self._seconds()
+        parts = [f"{self._steps:,} steps of the environment in {duration(seconds)}"]
+        if self._compiles and self._steps == 0:
+            parts = [f"compiling kernels ... {duration(seconds)}"] * (seconds >= _LOADED_SECONDS)
         if self._phase:
             parts.insert(0, self._phase)
         if self._left is not None:
@@ -145,16 +163,20 @@ class Progress:
         return seconds_left(record, self._pace(record), self._ge, self._fraction_after_search)
 
     def _print(self, line: str) -> None:
-        console = self._console if self._live is None else self._live.console
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
+        print_line(self._console if self._live is None else self._live.console, line)
         self._said_at = time.monotonic()
+
+    def _print_held(self) -> None:
+        """Print the last generation where plain output has held it back."""
+        if self._live is None and self._last is not None and self._last is not self._printed:
+            self._print_record(self._last)
 
     def _print_record(self, record: GenerationRecord) -> None:
         self._print_cells(self._cells(record))
         self._printed = record
 
     def _print_cells(self, cells: list[str]) -> None:
-        widths = (max(len(title), _LEAST_WIDTH) for title in self._columns)
+        widths = (_WIDTHS[title] for title in self._columns)
         self._print("  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
 
     def _refresh_where_due(self) -> None:
@@ -181,7 +203,7 @@ class Progress:
         below = Table.grid(padding=(0, 1))
         below.add_row(
             ProgressBar(total=self._generations, completed=done, width=40),
-            Text(f"{done} of {self._generations} generations", style="dim"),
+            Text(f"{done} of {counted(self._generations, 'generation')}", style="dim"),
         )
         return Group(table, below, status)
 
@@ -199,9 +221,24 @@ class Progress:
         return [cells[title] for title in self._columns]
 
 
-_GENERATION, _BEST, _MEDIAN, _NODES = "generation", "best", "median", "splits of best"
-_REFINED, _POLISHED, _RATE, _LEFT = "refined", "polished", "env steps/s", "time left"
-_LEAST_WIDTH = 8
+_GENERATION, _BEST, _MEDIAN, _NODES = "gen", "best", "median", "splits"
+_REFINED, _POLISHED, _RATE, _LEFT = "refined", "polished", "steps/s", "left"
+# All columns with two blanks between them fit a terminal of 72.
+_WIDTHS = {
+    _GENERATION: 5,
+    _BEST: 8,
+    _MEDIAN: 8,
+    _NODES: 6,
+    _REFINED: 7,
+    _POLISHED: 8,
+    _RATE: 8,
+    _LEFT: 7,
+}
+
+
+def print_line(console: Console, line: str) -> None:
+    """Print a line as it is; a terminal gets it wrapped between words."""
+    console.print(line, highlight=False, soft_wrap=not console.is_terminal, markup=False)
 
 
 def _columns(config: Config) -> tuple[str, ...]:
@@ -226,9 +263,9 @@ def _improves(record: GenerationRecord, on: GenerationRecord) -> bool:
 def _refinement_line(record: RefinementRecord, refiner: str) -> str:
     front = f"generation {record.generation}  {refiner}:"
     if record.outcome == "skipped":
-        return f"{front} skipped, no candidate in {record.redraws} redraws"
-    nodes = "1 node" if record.decision_nodes == 1 else f"{record.decision_nodes} nodes"
-    what = f"{front} {_described(record)} of {nodes}"
+        tried = f" in {counted(record.redraws, 'redraw')}" * (record.redraws > 0)
+        return f"{front} skipped, no tree could be a candidate{tried}"
+    what = f"{front} {_described(record)} of {counted(record.decision_nodes or 0, 'node')}"
     if record.outcome == "failed":
         return f"{what} kept as it was, {record.failure}, {record.refine_seconds:.1f} s"
     verdict = "new best" if record.new_best else record.outcome.replace("_", " ")

@@ -45,7 +45,7 @@ def test_one_tree_in_words():
         "CartPole-v1", 499.968, 1.0, 490.0, 500.0, 1000, 10000, True, 475.0, "kernel", 2
     )
     assert measured.as_text() == (
-        "CartPole-v1: mean return 499.968 ± 1.000 (min 490, max 500) over 1000 episodes\n"
+        "CartPole-v1: mean return 499.968 ± 1.000 (min 490, max 500) over 1,000 episodes\n"
         "seeds 10000 to 10999, kernel route, 2 decision nodes\n"
         "SOLVED: the threshold is a mean return of 475"
     )

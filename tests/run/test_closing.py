@@ -42,25 +42,38 @@ def test_the_archive_stands_between_with_a_mark_at_the_champion():
     ]
 
 
-def rows_of(refiner="PPO", **changes):
+def rows_of(refiner="PPO", improved=None, **changes):
     """Return the rows between effort and the folder."""
-    lines = closing_text(summary(**changes), LEAF, Path("run"), (), refiner).splitlines()
+    lines = closing_text(summary(**changes), LEAF, Path("run"), (), refiner, improved=improved).splitlines()
     return lines[[line.split()[0] if line else "" for line in lines].index("effort") + 1 : -1]
 
 
 def test_what_was_refined_and_polished_is_told_with_the_champion():
     refined = {"refined": 279, "refinements": 9, "refinements_improved": 7, "refine_seconds": 41.23}
-    assert rows_of(**refined, champion_from="refinement") == [
-        "PPO         279 trees refined in 41.2 s; 7 of 9 individuals improved; the champion is a refined tree"
+    assert rows_of(**refined, improved=31, champion_from="refinement") == [
+        "PPO         279 trees refined in 41.2 s, 31 of them improved; the champion is a refined tree"
     ]
     assert rows_of("CMA-ES", **refined, polished=1593, polish_seconds=47.96, champion_from="polish") == [
-        "CMA-ES      279 trees refined in 41.2 s; 7 of 9 individuals improved",
+        "CMA-ES      279 trees refined in 41.2 s",
         "polish      1,593 trees polished in 48.0 s; the champion is a polished tree",
     ]
     assert rows_of(polished=1) == [
         "polish      1 tree polished in 0.0 s; the champion is from the population"
     ]
     assert rows_of() == []
+
+
+def test_one_of_a_thing_is_no_more():
+    text = closing_text(summary(generations=1, decision_nodes=1), LEAF, Path("run"))
+    assert "\neffort      1 generation, " in text
+    assert "\nsize        1 decision node, " in text
+
+
+def test_rows_are_broken_between_words_where_the_terminal_is_narrow():
+    text = closing_text(summary(warnings=("one two three",)), LEAF, Path("a/long/path-to/the-run"), width=20)
+    assert text.endswith(
+        "warning     one two\n            three\nrun folder\n            a/long/path-to/the-run"
+    )
 
 
 def test_warnings_have_a_line_each():

@@ -1,5 +1,6 @@
 """A whole run, on a small scale, and everything that it leaves."""
 
+import io
 import json
 import re
 from dataclasses import asdict, replace
@@ -9,6 +10,7 @@ import pytest
 import yaml
 from environments_for_tests import CountdownEnv
 from faulty_environments import LateNaNEnv, RaisingEnv
+from rich.console import Console
 from runs_for_tests import assert_same_bytes, config, run, without_clock
 from walks_for_tests import BNF, CountingWalkEnv, registered
 
@@ -76,7 +78,7 @@ class TestFolder:
 
     def test_the_output_shows_the_tree_the_verdict_and_the_folder(self, finished):
         folder, summary, output = finished
-        assert re.search(r"generation +best +median +splits of best +env steps/s +time left", output)
+        assert re.search(r"gen +best +median +splits +steps/s +left", output)
         assert f"{summary.test_mean:.2f} ± {summary.test_std:.2f}  on 20 unseen episodes" in output
         assert ("SOLVED" if summary.solved else "not solved") in output
         assert f"M = {summary.complexity_M:g}" in output
@@ -210,6 +212,23 @@ class TestInterrupt:
         with pytest.raises(KeyboardInterrupt):
             run(config(), tmp_path / "run")
         assert_untested(RunFolder(tmp_path / "run"))
+
+    def test_where_nobody_reads_any_more_what_was_found_is_kept_and_nothing_is_called_broken(self, tmp_path):
+        class Closed(io.StringIO):
+            def write(self, text):
+                if text.startswith("    3 "):
+                    raise BrokenPipeError
+                return super().write(text)
+
+        class ClosedConsole(Console):
+            def on_broken_pipe(self):
+                self.quiet = True
+                raise BrokenPipeError
+
+        with pytest.raises(BrokenPipeError):
+            experiment.run(config(), tmp_path / "run", ClosedConsole(file=Closed(), width=100))
+        assert_untested(RunFolder(tmp_path / "run"))
+        assert not (tmp_path / "run" / "traceback.txt").exists()
 
     def test_in_the_last_refinement_it_goes_on_with_what_was_there(self, tmp_path, monkeypatch):
         def impatient(*_):

@@ -48,7 +48,7 @@ class TestRefiner:
         assert summary.refine_seconds > 0
         name = {"ppo": "PPO", "cmaes": "CMA-ES"}[method]
         assert output.count(f"{name}:") == 2
-        assert re.search(rf"{name} +2 trees refined in .*; \d of 2 individuals improved", output)
+        assert re.search(rf"{name} +2 trees refined in .*, \d of them improved", output)
         assert all((record.actor_loss is None) == (method == "cmaes") for record in records)
         timesteps = sum(record.timesteps for record in records)
         # PPO's snapshots are measured too.

@@ -7,7 +7,7 @@ from rich.console import Console
 from sweeps_for_tests import KEEPING, config
 
 from ge_torchrl.run import progress as progress_module
-from ge_torchrl.run.progress import Progress
+from ge_torchrl.run.progress import Progress, print_line
 
 
 class Clock:
@@ -56,18 +56,7 @@ def told(records, settings):
 class TestPlainLines:
     def test_they_are_few_and_tell_the_last_generation(self):
         lines = shown([record(g, float(g)) for g in range(240)], 240, terminal=False).splitlines()
-        assert lines[0].split() == [
-            "generation",
-            "best",
-            "median",
-            "splits",
-            "of",
-            "best",
-            "env",
-            "steps/s",
-            "time",
-            "left",
-        ]
+        assert lines[0].split() == ["gen", "best", "median", "splits", "steps/s", "left"]
         assert 10 <= len(lines) <= 15
         assert lines[1].split() == ["0", "0.00", "9.40", "2", "2.0", "M", "2:00"]
         assert lines[-1].split() == ["239", "239.00", "9.40", "2", "2.0", "M", "0:00"]
@@ -118,6 +107,28 @@ class TestPlainLines:
             "Validating, 3,000,000 steps of the environment in 1:06",
         ]
 
+    def test_the_row_that_was_held_back_comes_before_what_ends_the_search(self):
+        output = io.StringIO()
+        with Progress(console_to(output), 240, config(generations=240)) as progress:
+            for number in range(6):
+                progress.show(record(number, 1.0))
+            progress.say("Validation and test ...")
+            progress.end()
+        lines = output.getvalue().splitlines()[1:]
+        assert [line.split()[0] for line in lines] == ["0", "5", "Validation"]
+
+    def test_before_the_first_step_kernels_compile(self, clock):
+        output = io.StringIO()
+        settings = config(generations=10)
+        with Progress(console_to(output), 10, settings, compiles=True) as progress:
+            for steps in (0, 1_500):
+                clock.now += 7.0
+                progress.beat(steps)
+        assert output.getvalue().splitlines()[1:] == [
+            "generation 0, compiling kernels ... 0:07",
+            "generation 0, 1,500 steps of the environment in 0:14",
+        ]
+
     def test_a_long_run_says_less_often_but_shows_its_slow_generations(self, clock):
         output = io.StringIO()
         with Progress(console_to(output), 240, config(generations=240)) as progress:
@@ -138,6 +149,33 @@ class TestTerminal:
         final = text[text.rindex("generation ") - 600 :]
         assert "49" in final
         assert "50 of 100 generations" in final
+
+    def test_all_columns_fit_a_narrow_terminal(self):
+        output = io.StringIO()
+        settings = config("GE+PPO+polish", generations=1000)
+        large = {"best_decision_nodes": 15, "refined": 12_345, "polished": 123_456}
+        with Progress(console_to(output, terminal=True, width=72), 1000, settings) as progress:
+            progress.show(record(998, -1234.56, median_fitness=-1234.56, elapsed_seconds=4e6, **large))
+        shown_cells = (
+            "gen ",
+            "splits",
+            "refined",
+            "polished",
+            "steps/s",
+            "left",
+            "998",
+            "-1234.56",
+            "123,456",
+        )
+        assert all(text in output.getvalue() for text in shown_cells)
+        assert "…" not in output.getvalue()
+
+    def test_lines_are_wrapped_between_words(self):
+        output = io.StringIO()
+        print_line(console_to(output, terminal=True, width=20), "MountainCar-v0, seed 3: 50 generations")
+        assert output.getvalue() == "MountainCar-v0, seed\n3: 50 generations\n"
+        print_line(console_to(output, width=20), "MountainCar-v0, seed 3: 50 generations")
+        assert output.getvalue().endswith("\nMountainCar-v0, seed 3: 50 generations\n")
 
     def test_it_is_alive_before_the_first_generation_ends(self, clock):
         output = io.StringIO()
@@ -183,8 +221,10 @@ class TestRefinements:
             "generation 120  PPO: neighbour of 3 nodes, -115.70 -> -110.14 on unseen episodes, improved, 1.0 s",
             "generation 120  PPO: kept tree of 3 nodes, -115.70 -> -110.14 on unseen episodes, improved, 1.0 s",
             "generation 40  PPO: random tree of 3 nodes kept as it was, the loss is not finite in update 3, 1.0 s",
-            "generation 160  PPO: skipped, no candidate in 20 redraws",
+            "generation 160  PPO: skipped, no tree could be a candidate in 20 redraws",
         ]
+        (line,) = told([replace(skipped(160), redraws=0)], config("GE+PPO"))
+        assert line == "generation 160  PPO: skipped, no tree could be a candidate"
         (line,) = told(records[:1], config("GE+CMA-ES"))
         assert line.startswith("generation 40  CMA-ES: ")
 
