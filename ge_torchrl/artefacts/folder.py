@@ -206,5 +206,22 @@ def find_runs(folder: Path) -> Iterator[RunFolder]:
         yield RunFolder(path.parent)
 
 
+def none_found(folder: Path, unreadable: Sequence[str]) -> ArtefactError:
+    """Return the error of a folder without a finished run that can be read.
+
+    Args:
+        folder: The folder.
+        unreadable: For every finished run a line that says why it cannot be read.
+    """
+    reason = f"; {unreadable[0]}" if unreadable else ""
+    unfinished = [
+        path.parent for path in sorted(folder.rglob(HISTORY)) if not (path.parent / SUMMARY).exists()
+    ]
+    if unfinished and not unreadable:
+        many = f", and {len(unfinished) - 1} more," * (len(unfinished) > 1)
+        reason = f", but {unfinished[0]}{many} without {SUMMARY}: a run that goes on, or broke off"
+    return ArtefactError(f"expected a folder with finished runs; found none in {folder}{reason}")
+
+
 def _write_tree(path: Path, controller: Controller) -> None:
     write_whole(path, lambda beside: write_controller(beside, controller))

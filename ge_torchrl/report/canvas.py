@@ -5,6 +5,7 @@ matplotlib is an extra and is imported only here and where something is drawn.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 from ge_torchrl.errors import ArtefactError, UserError
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -67,6 +69,21 @@ def new_axes(title: str, solved_at: float | None) -> tuple[Figure, Axes]:
         label = f"solved from {solved_at:g}"
         axes.axhline(solved_at, color="black", linestyle="--", linewidth=1, label=label)
     return figure, axes
+
+
+def legend_beside(figure: Figure, handles: Sequence[Artist] | None = None) -> None:
+    """Put the legend beside the axes, where it covers no curve.
+
+    Args:
+        figure: A figure of `new_axes`; it becomes wider.
+        handles: What the legend explains; None for all that has a label.
+    """
+    figure.set_figwidth(8.0)
+    figure.legend(
+        handles=handles or figure.axes[0].get_legend_handles_labels()[0],
+        frameon=False,
+        loc="outside right upper",
+    )
 
 
 def run_colours(n: int) -> list[str]:

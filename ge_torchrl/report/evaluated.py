@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ge_torchrl.report.methods import refiner_of
 from ge_torchrl.report.sizes import SizedTree, SizeRow, are_of_one_run, by_size, sizes_table
 from ge_torchrl.report.tables import RunRow, Table, counted, runs_table
 
@@ -76,11 +77,13 @@ class EvaluatedRun:
         path: Its folder.
         row: What the test said of its champion, or of its tree of the size that was asked for.
         by_size: Its best tree of each size, from small to large; none where it kept no archive.
+        refined: How many trees its refiner refined; None where that is not known.
     """
 
     path: str
     row: RunRow
     by_size: tuple[SizedTree, ...]
+    refined: int | None = None
 
     def as_dict(self) -> Mapping[str, object]:
         """Return plain values for JSON."""
@@ -140,6 +143,8 @@ class EvaluatedMethod:
         """Return one line over all runs."""
         means = f"worst seed mean {min(self.means):.2f}, median seed mean {np.median(self.means):.2f}"
         told = means if self.solved is None else f"solved {self.solved} of {len(self.runs)}, {means}"
+        if (refiner := refiner_of(self.method)) and all(run.refined == 0 for run in self.runs):
+            told += f"; {refiner} refined no tree"
         repeats = len({run.row.seed for run in self.runs}) < len(self.runs)
         return f"{told}; some seeds stand more than once" if repeats else told
 

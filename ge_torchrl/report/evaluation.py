@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.artefacts.folder import ARCHIVE_TREES, BEST_TREE, CONFIG, RunFolder, find_runs
+from ge_torchrl.artefacts.folder import ARCHIVE_TREES, BEST_TREE, CONFIG, RunFolder, find_runs, none_found
 from ge_torchrl.artefacts.records import Summary
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.spec import EnvironmentSpec, describe
@@ -101,8 +101,7 @@ def evaluate_runs(
         except UserError as error:
             left_out.append(f"{found.path}: {error}")
     if not runs:
-        reason = f"; {left_out[0]}" if left_out else ""
-        raise ArtefactError(f"expected a folder with finished runs; found none in {folder}{reason}")
+        raise none_found(folder, left_out)
     if nodes is not None:
         left_out += [
             f"{run.path}: it has no tree with {nodes} decision nodes" for run in runs if not run.of(nodes)
@@ -243,6 +242,7 @@ def _evaluated(
             )
             for tree in run.by_size
         ),
+        refined=summary.refined,
     )
 
 

@@ -13,7 +13,7 @@ from ge_torchrl import __version__
 from ge_torchrl.artefacts.texts import told_of, write_text
 from ge_torchrl.report.canvas import save_figure
 from ge_torchrl.report.drawing import save_tree
-from ge_torchrl.report.figures import convergence_figure
+from ge_torchrl.report.figures import convergence_figure, starts_of
 from ge_torchrl.report.findings import method_text, overview_table
 from ge_torchrl.report.methods import GE, METHODS, THESIS, added_by, refiner_of
 from ge_torchrl.report.refinements import refinements_text
@@ -21,12 +21,13 @@ from ge_torchrl.report.runs import FoundRuns, Run, best_run, gather_runs
 from ge_torchrl.report.sizes import are_of_one_run, by_size, sizes_figure, sizes_table
 from ge_torchrl.report.tables import counted
 from ge_torchrl.report.thesis.beside import published_beside, refinements_of
-from ge_torchrl.report.thesis.figures import pairs_figure, solving_figure
+from ge_torchrl.report.thesis.figures import pairs_figure, ringed, solving_figure
 from ge_torchrl.report.thesis.pairs import Pair, comparison_text, pair_by_seed, telling_pairs
 
 REPORT = "report.md"
 # Intervals are resampled from here, so that equal artefacts give equal reports.
 _RESAMPLING_SEED = 0
+_ANEW = " A line breaks where the runs begin anew with another population."
 _BY_SIZE = (
     "Each run chose its trees in validation on episodes of its own. The tree to take is the best in validation of all "
     "runs; the best of runs is chosen by the test itself, so its mean flatters."
@@ -115,12 +116,16 @@ def _figures(methods: Mapping[str, Sequence[Run]], stem: Path, rng: np.random.Ge
     first = next(iter(methods.values()))[0]
     histories = {method: [run.history for run in runs] for method, runs in methods.items()}
     yield f"### {first.environment}: figures"
-    figure = convergence_figure(histories, rng, title=first.environment, solved_at=first.summary.solved_at)
+    starts = {method: starts_of(runs) for method, runs in methods.items()}
+    anew = _ANEW * any(starts.values())
+    figure = convergence_figure(
+        histories, rng, title=first.environment, solved_at=first.summary.solved_at, starts=starts
+    )
     yield _image(
         save_figure(figure, stem.with_name(f"{stem.name}-fitness"))[0],
         "Mean best fitness",
         "Mean best training fitness of all runs over generations, refined trees included; the band is the 95 % "
-        "bootstrap interval of the mean.",
+        f"bootstrap interval of the mean.{anew}",
     )
 
 
@@ -135,12 +140,16 @@ def _pair_figures(pairs: Sequence[Pair], solved_at: float, stem: Path) -> Iterat
     )
     shown = telling_pairs(pairs, solved_at)
     figure = pairs_figure(shown, title=environment, solved_at=solved_at)
+    refiner = refiner_of(method)
+    rings = f", rings where {refiner} refined a tree or, where it refined many, gave a new best" * any(
+        ringed(pair.treated) for pair in shown
+    )
+    anew = _ANEW * bool(starts_of(run for pair in shown for run in pair))
     chosen = "" if len(shown) == len(pairs) else f" The pairs in which {added} saved most are shown."
     yield _image(
         save_figure(figure, stem.with_name(f"{stem.name}-pairs"))[0],
         "Single runs",
-        f"Single runs: {method} solid, GE alone dotted, rings where a tree was refined or, where many were, "
-        f"gave a new best.{chosen}",
+        f"Single runs: {method} solid, GE alone dotted{rings}.{chosen}{anew}",
     )
 
 

@@ -111,6 +111,7 @@ def refinements_text(runs: Sequence[Run]) -> str:
     """
     records = [record for run in runs for record in run.refinements]
     counts = count_refinements(records)
+    refiner = refiner_of(runs[0].method)
     lines = [] if counts.bridges is None else [_bridges_line(counts.bridges)]
     lines.append(_champions_line(runs, is_written_back=counts.written_back > 0))
     if polished := sum(run.summary.polished for run in runs):
@@ -122,7 +123,9 @@ def refinements_text(runs: Sequence[Run]) -> str:
     if counts.skipped:
         were = "was" if counts.skipped == 1 else "were"
         lines.append(f"* {counts.skipped:,} more {were} skipped, as no tree could be a candidate.")
-    return f"{_counts_table(records, refiner_of(runs[0].method)).markdown()}\n\n" + "\n".join(lines)
+    if counts.applied == 0:
+        return "\n".join([f"* {refiner} refined no tree in {counted(len(runs), 'run')}.", *lines])
+    return f"{_counts_table(records, refiner).markdown()}\n\n" + "\n".join(lines)
 
 
 def _counts_table(records: Sequence[RefinementRecord], refiner: str) -> Table:

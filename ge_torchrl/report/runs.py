@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ge_torchrl.artefacts.folder import HISTORY, RunFolder, find_runs
+from ge_torchrl.artefacts.folder import HISTORY, RunFolder, find_runs, none_found
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, UserError
@@ -99,8 +99,7 @@ def read_runs(folder: Path) -> FoundRuns:
         except UserError as error:
             unreadable.append(f"{found.path}: {error}")
     if not runs:
-        reason = f"; {unreadable[0]}" if unreadable else ""
-        raise ArtefactError(f"expected a folder with finished runs; found none in {folder}{reason}")
+        raise none_found(folder, unreadable)
     return FoundRuns.in_order(runs, unreadable)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ge_torchrl.artefacts.records import ArchiveRecord
-from ge_torchrl.report.canvas import new_axes, run_colours
+from ge_torchrl.report.canvas import legend_beside, new_axes, run_colours
 from ge_torchrl.report.tables import Table
 
 if TYPE_CHECKING:
@@ -194,5 +194,5 @@ def sizes_figure(methods: Mapping[str, Sequence[SizeRow]], *, title: str, solved
         axes.plot([row.decision_nodes for row in rows], medians, color=colour, label=f"{method}, median")
     axes.set(xlabel="decision nodes", ylabel="test mean")
     axes.set_xticks(sorted(sizes))
-    axes.legend(frameon=False, loc="best")
+    legend_beside(figure)
     return figure

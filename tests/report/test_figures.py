@@ -1,8 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 from records_for_tests import history
+from sweeps_for_tests import write_run
 
 from ge_torchrl.report.canvas import save_figure
-from ge_torchrl.report.figures import best_curves, convergence_figure
+from ge_torchrl.report.figures import best_curves, convergence_figure, starts_of
+from ge_torchrl.report.runs import read_runs
 
 
 def lines(figure):
@@ -10,7 +14,8 @@ def lines(figure):
 
 
 def legend(figure):
-    return [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    (beside,) = figure.legends
+    return [text.get_text() for text in beside.get_texts()]
 
 
 def test_curves_count_refined_trees_and_keep_the_last_value_of_a_short_run():
@@ -60,3 +65,21 @@ def test_figures_of_equal_runs_are_equal_byte_by_byte(tmp_path):
         figure = convergence_figure({"GE": [history([1.0, 5.0])] * 2}, rng, title="a", solved_at=475.0)
         written.append([path.read_bytes() for path in save_figure(figure, tmp_path / name)])
     assert written[0] == written[1]
+
+
+def test_a_line_breaks_where_runs_begin_anew():
+    histories = {"GE": [history([1.0, 2.0, -5.0, 3.0])] * 2}
+    figure = convergence_figure(
+        histories, np.random.default_rng(0), title="", solved_at=None, starts={"GE": {2}}
+    )
+    (mean,) = lines(figure)
+    np.testing.assert_array_equal(mean.get_xdata(), [0, 1, np.nan, 2, 3])
+    np.testing.assert_array_equal(mean.get_ydata(), [1.0, 2.0, np.nan, -5.0, 3.0])
+
+
+def test_starts_are_those_of_the_configuration(tmp_path):
+    write_run(tmp_path / "run", "GE")
+    (run,) = read_runs(tmp_path).runs
+    assert starts_of([run]) == set()
+    anew = replace(run, config=replace(run.config, ge=replace(run.config.ge, generations=12, restarts=1)))
+    assert starts_of([run, anew]) == {4}

@@ -110,3 +110,14 @@ def test_the_best_run_is_that_of_validation_then_the_simplest(tmp_path):
         ]
     ]
     assert best_run(runs).path.name == "c"
+
+
+def test_a_folder_of_unfinished_runs_alone_says_so(tmp_path):
+    for name in ("a", "b"):
+        (write_run(tmp_path / name, "GE") / "summary.json").unlink()
+    with pytest.raises(ArtefactError) as told:
+        read_runs(tmp_path)
+    assert str(told.value) == (
+        f"expected a folder with finished runs; found none in {tmp_path}, but {tmp_path / 'a'}, and 1 more, without "
+        "summary.json: a run that goes on, or broke off"
+    )

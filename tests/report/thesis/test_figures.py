@@ -50,6 +50,15 @@ def test_pairs_are_solid_and_dotted_in_one_colour_with_rings_at_applications(pai
     ]
 
 
+def test_without_rings_the_legend_explains_none(tmp_path):
+    runs = [
+        read_run(write_run(tmp_path / method, method, generations=history([9.0, 10.0])))
+        for method in ("GE+PPO", "GE")
+    ]
+    (beside,) = pairs_figure([Pair(*runs)], title="", solved_at=None).legends
+    assert [text.get_text() for text in beside.get_texts()] == ["seed 0", "GE+PPO", "GE alone"]
+
+
 def test_of_many_refinements_only_the_new_bests_get_a_ring(tmp_path):
     rising = [9.0] * 20 + [500.0] * 20
     records = [refinement(number, new_best=number == 20) for number in range(1, 40)]
@@ -70,6 +79,17 @@ def test_solving_times_with_an_arrow_for_what_was_never_reached(pairs):
     ]
     assert marks == [("o", [4]), ("o", [2]), (">", [4]), (">", [4])]
     assert [tick.get_text() for tick in figure.axes[0].get_yticklabels()] == ["seed 0", "seed 1"]
+    (above,) = figure.legends
+    handles = {
+        text.get_text(): (handle.get_marker(), handle.get_color(), handle.get_markerfacecolor())
+        for text, handle in zip(above.get_texts(), above.legend_handles, strict=True)
+    }
+    assert handles == {
+        "GE+PPO": ("o", BLUE, BLUE),
+        "GE alone": ("o", VERMILION, "none"),
+        "GE+PPO, not within the run": (">", BLUE, BLUE),
+        "GE alone, not within the run": (">", VERMILION, "none"),
+    }
 
 
 def test_figures_of_equal_runs_are_equal_byte_by_byte(pairs, tmp_path):
