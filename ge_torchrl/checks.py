@@ -13,6 +13,8 @@ from typing import Any, Literal, NoReturn
 
 from ge_torchrl.errors import ConfigError
 
+MOST_EPISODES = 1_000_000
+"""No call measures a tree on more: what it returned in each of them is held in memory."""
 UNSET = "???"
 """The value of a key that somebody still has to fill in, as OmegaConf and YAML files write it."""
 
@@ -71,7 +73,7 @@ class Rule:
 
     def _bounds(self) -> str:
         if self.at_most < math.inf:
-            return f" from {self.at_least:g} to {self.at_most:g}"
+            return f" from {self.at_least:.15g} to {self.at_most:.15g}"
         if self.above > -math.inf:
             return f" above {self.above:g}"
         return f" of at least {self.at_least:g}" if self.at_least > -math.inf else ""

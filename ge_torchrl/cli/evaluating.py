@@ -4,6 +4,7 @@ import json
 import sys
 from pathlib import Path
 
+from ge_torchrl.checks import MOST_EPISODES
 from ge_torchrl.cli.parser import Parser, integer_from
 from ge_torchrl.cli.statuses import OK
 from ge_torchrl.errors import UserError
@@ -44,7 +45,7 @@ def _parser() -> Parser:
         type=Path,
         help="a tree's file, a run's folder, or a folder with finished runs at any depth",
     )
-    parser.add_argument("--episodes", type=integer_from(1), default=1000, help="default: 1000")
+    parser.add_argument("--episodes", type=integer_from(1, MOST_EPISODES), default=1000, help="default: 1000")
     parser.add_argument(
         "--seed", type=integer_from(0), default=10000, help="of the first episode; default: 10000"
     )

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ge_torchrl.config.setting import Section, setting
+from ge_torchrl.config.setting import Section, episode_count, setting
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,8 @@ class ArchiveConfig(Section):
         doc="Trees of each number of decision nodes that are kept until validation chooses, each of another structure; "
         "0: no archive.",
     )
-    episodes: int = setting(
+    episodes: int = episode_count(
         1000,
-        at_least=1,
         because="trees are kept by a mean over episodes",
         dear=50,
         doc="Episodes of its own that measure what is offered.",

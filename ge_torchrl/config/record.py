@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar
 
-from ge_torchrl.checks import UNSET
+from ge_torchrl.checks import MOST_EPISODES, UNSET
 from ge_torchrl.config import keys
 from ge_torchrl.config.archive import ArchiveConfig
 from ge_torchrl.config.refinement import PolishConfig, RefinerConfig
@@ -17,6 +17,8 @@ from ge_torchrl.errors import ConfigError
 _NEARLY_FREE = 1e6
 # What a run may take where steps are dear and nobody set a limit [s].
 _DEAR_SECONDS = 180
+# A return and a length of an episode take so many bytes, and the episodes of one measurement may take so many.
+_EPISODE_BYTES, _MOST_BYTES = 16, 8 << 30
 # How many trees go on from the archive, in one way or another.
 _PROPOSALS = ("neighbours", "revisit_factor", "migrants", "final_keep")
 
@@ -40,6 +42,32 @@ class Config(Section):
         because="seeds of random numbers are not negative",
         doc="The one seed from which all randomness of the run follows.",
     )
+
+    def check_together(self) -> None:
+        """Refuse episodes that fit into no memory: those of many trees at once, and multiples of many."""
+        n_trees = max(_at_most(self.ge, "population_size"), _at_most(self.archive, "neighbours_drawn"))
+        if n_trees * _at_most(self.evaluation, "episodes") * _EPISODE_BYTES > _MOST_BYTES:
+            at_most = max(1, _MOST_BYTES // (n_trees * _EPISODE_BYTES))
+            self.evaluation.refuse(
+                "episodes",
+                f"at most {at_most} where {n_trees} trees are measured at once",
+                f"an episode of a tree takes {_EPISODE_BYTES} bytes, and {_MOST_BYTES >> 30} GiB are allowed",
+                at_most,
+            )
+        for factor in ("revisit_factor", "final_factor"):
+            times = _at_most(self.archive, factor)
+            for section, name in ((self.polish, "episodes"), (self.refiner.ppo, "snapshot_episodes")):
+                if times * _at_most(section, name) > MOST_EPISODES:
+                    self._refuse_times(section, name, factor, times)
+
+    def _refuse_times(self, section: Section, name: str, factor: str, times: int) -> None:
+        because = f"no tree is measured on more than {MOST_EPISODES} episodes"
+        if times > MOST_EPISODES:
+            self.archive.refuse(factor, f"at most {MOST_EPISODES}", because)
+        key = self.archive.key(factor)
+        section.refuse(
+            name, f"at most {MOST_EPISODES // times} with {key}={times}", because, MOST_EPISODES // times
+        )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "Config":
@@ -74,6 +102,12 @@ class Config(Section):
             values["ge"]["max_env_steps"] = max(1, int(float(f"{_DEAR_SECONDS * steps_per_second:.2g}")))
         values["evaluation"]["steps_per_second"] = float(f"{steps_per_second:.2g}")
         return Config.from_mapping(values)
+
+
+def _at_most(section: Section, name: str) -> int:
+    """Return a number of a section; left open, it is never more than where steps are nearly free."""
+    value: int | None = getattr(section, name)
+    return getattr(type(section), name) if value is None else value
 
 
 def _decided(section: Section, *, free: bool) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from ge_torchrl.config.setting import Section, probability, setting
+from ge_torchrl.config.setting import Section, episode_count, probability, setting
 
 
 @dataclass(frozen=True)
@@ -95,10 +95,10 @@ class PPOConfig(Section):
     straight_through: bool = setting(
         False, doc="Whether splits decide hard in the forward pass and soft in the backward pass."
     )
-    snapshot_episodes: int = setting(
+    snapshot_episodes: int = episode_count(
         100,
         at_least=0,
-        because="it counts episodes; 0 takes the last tree",
+        because="it counts episodes (0 takes the last tree)",
         dear=10,
         doc="Episodes on which the hard tree is measured after every update, so that the best one comes back; 0 "
         "brings back the last one, as in the thesis.",
@@ -144,9 +144,8 @@ class PolishConfig(Section):
         because="trees are measured by their steps in the environment",
         doc="Environment steps of one tree's search.",
     )
-    episodes: int = setting(
+    episodes: int = episode_count(
         40,
-        at_least=1,
         because="a return is a mean over episodes",
         doc="Episodes that each tree is measured on.",
     )
@@ -160,10 +159,10 @@ class PolishConfig(Section):
     first_step: float = setting(
         0.5, above=0.0, doc="Standard deviation of the first moves, in units of the features' spread."
     )
-    settling_episodes: int = setting(
+    settling_episodes: int = episode_count(
         0,
         at_least=0,
-        because="it counts episodes; 0 leaves snapped numbers",
+        because="it counts episodes (0 leaves snapped numbers)",
         doc="Episodes on which the snapped numbers of the last refinement are moved to better constants near by; 0 "
         "leaves each at the nearest one.",
     )
@@ -209,17 +208,16 @@ class RefinerConfig(Section):
         because="a lone leaf has nothing to refine",
         doc="Decision nodes of the smallest trees that are refined.",
     )
-    acceptance_episodes: int = setting(
+    acceptance_episodes: int = episode_count(
         1000,
         at_least=0,
-        because="it counts episodes; 0 accepts every tree",
+        because="it counts episodes (0 accepts every tree)",
         dear=60,
         doc="Unseen episodes on which a refined tree has to be better by three standard errors of the mean "
         "difference, or its source comes back as it was; 0 accepts every tree, as in the thesis.",
     )
-    measuring_episodes: int = setting(
+    measuring_episodes: int = episode_count(
         100,
-        at_least=1,
         because="a return is a mean over episodes",
         dear=30,
         doc="Unseen episodes that measure a tree before and after its refinement.",

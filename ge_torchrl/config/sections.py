@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ge_torchrl.config.setting import Section, probability, setting
+from ge_torchrl.config.setting import Section, episode_count, probability, setting
 
 _POPULATION_SIZE = 200
 _MOST_CODONS = (8 << 30) // 4
@@ -172,9 +172,8 @@ class EvaluationConfig(Section):
 
     SECTION: ClassVar[str] = "evaluation"
 
-    episodes: int = setting(
+    episodes: int = episode_count(
         20,
-        at_least=1,
         because="fitness is a mean over episodes",
         dear=5,
         doc="Episodes whose mean return is an individual's fitness.",
@@ -191,16 +190,14 @@ class EvaluationConfig(Section):
         doc="Standard deviations of these returns that are subtracted from their mean. Fitness is then lower than the "
         "mean return.",
     )
-    validation_episodes: int = setting(
+    validation_episodes: int = episode_count(
         5000,
-        at_least=1,
         because="validation is a mean over episodes",
         dear=200,
         doc="Episodes that choose among the champions and prune them.",
     )
-    test_episodes: int = setting(
+    test_episodes: int = episode_count(
         1000,
-        at_least=1,
         because="the test is a mean over episodes",
         dear=200,
         doc="Unseen episodes of the final test.",

@@ -6,7 +6,7 @@ from dataclasses import MISSING, Field, field, fields
 from functools import cache
 from typing import Any, ClassVar, Union, cast, get_args, get_origin
 
-from ge_torchrl.checks import UNSET, Kind, Rule, checked, refuse
+from ge_torchrl.checks import MOST_EPISODES, UNSET, Kind, Rule, checked, refuse
 
 REQUIRED = MISSING
 NOT_BY_SPEED = object()
@@ -64,6 +64,20 @@ def setting(
 def probability(default: float, *, doc: str, because: str = "it is a probability") -> Any:
     """Declare a setting that is a number from 0 to 1."""
     return setting(default, doc=doc, at_least=0.0, at_most=1.0, because=because)
+
+
+def episode_count(
+    default: int, *, doc: str, because: str, at_least: int = 1, dear: int | object = NOT_BY_SPEED
+) -> Any:
+    """Declare a setting that counts episodes; see `setting`."""
+    return setting(
+        default,
+        at_least=at_least,
+        at_most=MOST_EPISODES,
+        because=f"{because}, and memory holds what every tree returned in each",
+        dear=dear,
+        doc=doc,
+    )
 
 
 class Section:

@@ -44,6 +44,8 @@ _CHUNK_STEPS = 1_000_000
 _CHUNK_PART = 0.05
 # Training episodes begun at a time while a tree is observed.
 _STARTS_PER_BLOCK = 32
+# Drawing the first states of a million episodes takes a second: between so many the limit is looked at.
+_EPISODES_PER_BLOCK = 50_000
 _PROBE_TREES, _PROBE_EPISODES = 200, 32
 
 
@@ -96,6 +98,19 @@ class KernelBackend(Accountable):
         self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
     ) -> Outcomes:
         """Run every tree on the episodes of `seeds`; see `Backend`."""
+        if len(seeds) <= _EPISODES_PER_BLOCK:
+            return self._evaluate(forest, seeds, purpose, visits=visits)
+        outcomes = Outcomes.empty(len(forest), len(seeds), len(forest.arrays.action) if visits else None)
+        for first in range(0, len(seeds), _EPISODES_PER_BLOCK):
+            block = slice(first, first + _EPISODES_PER_BLOCK)
+            part = self._evaluate(forest, seeds[block], purpose, visits=visits)
+            outcomes.returns[:, block], outcomes.lengths[:, block] = part.returns, part.lengths
+            if outcomes.leaf_visits is not None and part.leaf_visits is not None:
+                outcomes.leaf_visits[:] += part.leaf_visits
+        return outcomes
+
+    def _evaluate(self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool) -> Outcomes:
+        self.ledger.check()
         n_leaves = len(forest.arrays.action)
         outcomes = Outcomes.empty(len(forest), len(seeds), n_leaves if visits else None)
         starts = self._dynamics.starts(np.ascontiguousarray(seeds, np.int64))

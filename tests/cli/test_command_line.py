@@ -145,7 +145,7 @@ def test_sweep_over_the_same_value_twice_and_over_paths_keeps_jobs_apart(experim
         (["evaluate"], "the following arguments are required: TREE_OR_RUN"),
         (
             ["evaluate", "tree", "--episodes", "0"],
-            "argument --episodes: must be an integer of at least 1; got 0",
+            "argument --episodes: must be an integer from 1 to 1000000; got 0",
         ),
         (["evaluate", "tree", "--seed", "x"], "argument --seed: must be an integer of at least 0; got x"),
         (["evaluate", "tree", "--route", "x"], "argument --route: invalid choice: 'x'"),

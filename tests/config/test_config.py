@@ -196,3 +196,26 @@ def test_a_group_of_choices_that_went_says_what_to_type():
     with pytest.raises(ConfigError, match=r"^hall_of_fame is no choice .* expected archive=none, or a key"):
         check_group("hall_of_fame")
     check_group("refiner")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (
+            {"archive": {"neighbours_drawn": 2000}, "evaluation": {"episodes": 1_000_000}},
+            r"evaluation\.episodes must be at most \d+ where 2000 trees .*; type evaluation\.episodes=\d+$",
+        ),
+        (
+            {"polish": {"episodes": 1_000_000}},
+            r"polish\.episodes must be at most 200000 with archive\.revisit_factor=5, .*; type polish\.episodes=200000",
+        ),
+        (
+            {"refiner": {"ppo": {"snapshot_episodes": 50_000}}, "archive": {"final_factor": 100}},
+            r"refiner\.ppo\.snapshot_episodes must be at most 10000 with archive\.final_factor=100, .*",
+        ),
+        ({"archive": {"final_factor": 10**7}}, r"archive\.final_factor must be at most 1000000, .*"),
+    ],
+)
+def test_episodes_that_fit_into_no_memory_are_refused(values, message):
+    with pytest.raises(ConfigError, match=f"^{message}"):
+        Config.from_mapping({**VALUES, **values})

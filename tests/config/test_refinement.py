@@ -77,9 +77,9 @@ def test_a_schedule_survives_the_way_through_yaml():
         ({"min_nodes": 0}, "refiner.min_nodes must be an integer of at least 1"),
         ({"candidates": 0}, "refiner.candidates must be an integer of at least 1"),
         ({"write_back": 1}, "refiner.write_back must be true or false"),
-        ({"acceptance_episodes": -1}, "refiner.acceptance_episodes must be an integer of at least 0"),
+        ({"acceptance_episodes": -1}, "refiner.acceptance_episodes must be an integer from 0 to 1000000"),
         ({"method": "sgd"}, "refiner.method must be one of ppo, cmaes, none"),
-        ({"ppo": {"snapshot_episodes": -1}}, "ppo.snapshot_episodes must be an integer of at least 0"),
+        ({"ppo": {"snapshot_episodes": -1}}, "ppo.snapshot_episodes must be an integer from 0 to 1000000"),
         ({"ppo": {"leaf_logit": 0}}, "refiner.ppo.leaf_logit must be a finite number above 0 or null"),
         ({"ppo": {"standardise": "no"}}, "refiner.ppo.standardise must be true or false"),
         (
@@ -102,10 +102,10 @@ def test_settings_beyond_the_thesis_are_checked(values, message):
     [
         ("every", -1, "polish.every must be an integer of at least 0 or null"),
         ("max_timesteps", 0, "polish.max_timesteps must be an integer of at least 1"),
-        ("episodes", 0, "polish.episodes must be an integer of at least 1"),
+        ("episodes", 0, "polish.episodes must be an integer from 1 to 1000000"),
         ("moves", -1, "polish.moves must be an integer of at least 0"),
         ("first_step", 0, "polish.first_step must be a finite number above 0"),
-        ("settling_episodes", -1, "polish.settling_episodes must be an integer of at least 0"),
+        ("settling_episodes", -1, "polish.settling_episodes must be an integer from 0 to 1000000"),
     ],
 )
 def test_settings_of_the_polish_are_checked(key, value, message):

@@ -90,7 +90,7 @@ from ge_torchrl.errors import ConfigError
         ("env", "workers", -1, "env.workers must be an integer from 0 to 1024"),
         ("grammar", "bnf", "", "grammar.bnf must be rules in Backus-Naur form; got ''"),
         ("grammar", "name", 3, "grammar.name must be the name of the grammar; got 3"),
-        ("evaluation", "episodes", 0, "evaluation.episodes must be an integer of at least 1"),
+        ("evaluation", "episodes", 0, "evaluation.episodes must be an integer from 1 to 1000000"),
         (
             "evaluation",
             "episode_seeds",
@@ -101,9 +101,15 @@ from ge_torchrl.errors import ConfigError
             "evaluation",
             "validation_episodes",
             0,
-            "evaluation.validation_episodes must be an integer of at least 1",
+            "evaluation.validation_episodes must be an integer from 1 to 1000000",
         ),
-        ("evaluation", "test_episodes", 0, "evaluation.test_episodes must be an integer of at least 1"),
+        ("evaluation", "test_episodes", 0, "evaluation.test_episodes must be an integer from 1 to 1000000"),
+        (
+            "evaluation",
+            "test_episodes",
+            2e13,
+            "evaluation.test_episodes must be .* 1000000 .*memory.*; got 2",
+        ),
         ("evaluation", "std_penalty", -0.5, "evaluation.std_penalty must be a finite number of at least 0"),
         (
             "evaluation",
@@ -158,7 +164,7 @@ def test_units_may_be_blank_and_alike():
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("episodes", 0, "archive.episodes must be an integer of at least 1"),
+        ("episodes", 0, "archive.episodes must be an integer from 1 to 1000000"),
         (
             "keep",
             -1,

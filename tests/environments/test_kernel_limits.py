@@ -3,11 +3,13 @@
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from trees_of_all_kinds import PUBLISHED
 
+from ge_torchrl.environments import kernel_backend
 from ge_torchrl.environments.backend import Limit, LimitReachedError
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
@@ -133,3 +135,23 @@ def test_what_a_sign_of_life_raises_ends_the_call(threads, opened):
         backend.evaluate(Forest.stack([leaf(1)] * 100), np.arange(10_000), "validation")
     backend.close()
     assert time.perf_counter() - started < 3.0
+
+
+def test_the_limit_is_looked_at_between_blocks_of_many_episodes_and_blocks_say_the_same(opened, monkeypatch):
+    backend, trees = opened("CartPole-v1", 2), Forest.stack([PUBLISHED["CartPole-v1"][0], leaf(1)])
+    whole = backend.evaluate(trees, np.arange(100), "test", visits=True)
+    monkeypatch.setattr(kernel_backend, "_EPISODES_PER_BLOCK", 30)
+    starts, looks, dynamics = [], [], backend._dynamics
+
+    def noted(seeds):
+        starts.append(len(seeds))
+        return dynamics.starts(seeds)
+
+    monkeypatch.setattr(backend, "_dynamics", replace(dynamics, starts=noted))
+    monkeypatch.setattr(backend.ledger, "check", lambda: looks.append(len(starts)))
+    parts = backend.evaluate(trees, np.arange(100), "test", visits=True)
+    np.testing.assert_array_equal(parts.returns, whole.returns)
+    np.testing.assert_array_equal(parts.lengths, whole.lengths)
+    np.testing.assert_array_equal(parts.leaf_visits, whole.leaf_visits)
+    assert starts == [30, 30, 30, 10]
+    assert {0, 1, 2, 3} <= set(looks), "before each block"
