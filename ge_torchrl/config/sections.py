@@ -123,13 +123,18 @@ class GEConfig(Section):
     stop_when_solved: bool = setting(
         False, doc="Whether the run ends with the first champion that solves the task."
     )
-    max_seconds: float | None = setting(None, above=0.0, doc="Time that the whole run may take; null: any.")
+    max_seconds: float | None = setting(
+        None,
+        above=0.0,
+        doc="Time that the whole run may take; null: any. Loading PyTorch takes some seconds of it, so that PPO hardly "
+        "gets a turn below ten or fifteen.",
+    )
     max_env_steps: int | None = setting(
         None,
         at_least=0,
         because="it counts steps; 0 is no limit",
         doc="Environment steps that the whole run may take; 0: any; null: any where steps are nearly free, elsewhere "
-        "those of three minutes.",
+        "as many as plain evaluation makes in three minutes; with PPO they take several times as long.",
     )
 
     def check_together(self) -> None:

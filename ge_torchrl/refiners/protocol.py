@@ -67,11 +67,11 @@ class Refined:
 
     Attributes:
         tree: The tree, its structure but for actions of leaves unchanged; as it was if training failed.
-        training: What it took.
+        training: What it took; None where a limit left no room to begin.
     """
 
     tree: DecisionTree
-    training: TrainingRecord
+    training: TrainingRecord | None
 
 
 class Refiner(Protocol):

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Limit
 
+# A phase after the search may take this part of the allowance at most.
+_LARGEST_SHARE = 0.1
+# The speed was measured on other trees: a phase gets so many times the seconds that it seems to need.
+_SECONDS_TO_SPARE = 3
+
 
 class Phase(Enum):
-    """A phase of a run; its value is the share of the allowance at which it has to end."""
+    """A phase of a run, in the order of their ends."""
 
-    SEARCH = 0.7
-    FINAL_REFINEMENT = 0.8
-    VALIDATION = 0.9
-    TEST = 1.0
+    SEARCH = "search"
+    FINAL_REFINEMENT = "final refinement"
+    VALIDATION = "validation"
+    TEST = "test"
 
 
 @dataclass(frozen=True)
@@ -27,22 +33,52 @@ class Allowance:
         started: When the run began, by `time.perf_counter` [s].
         max_seconds: Clock time of the whole run [s]; None for any.
         max_env_steps: Environment steps of the whole run; None for any.
+        ends: The share of the allowance at which each phase has to end.
     """
 
     started: float
     max_seconds: float | None
     max_env_steps: int | None
+    ends: Mapping[Phase, float]
 
     @classmethod
-    def of(cls, config: Config, started: float) -> Allowance:
-        """Return the allowance of a configuration for a run that began at `started`."""
-        return cls(started, config.ge.max_seconds, config.ge.max_env_steps or None)
+    def of(cls, config: Config, started: float, max_episode_steps: int) -> Allowance:
+        """Return the allowance of a run: each phase after the search gets what it needs, and the search the rest.
+
+        Args:
+            config: The configuration, its budgets resolved.
+            started: When the run began.
+            max_episode_steps: The longest episode.
+        """
+        ge, evaluation, archive = config.ge, config.evaluation, config.archive
+        max_env_steps, speed = ge.max_env_steps or None, evaluation.steps_per_second or math.inf
+
+        def share(n_trees: int, n_episodes: int) -> float:
+            steps = n_trees * n_episodes * max_episode_steps
+            needed = max(
+                steps / (max_env_steps or math.inf),
+                _SECONDS_TO_SPARE * steps / speed / (ge.max_seconds or math.inf),
+            )
+            return min(_LARGEST_SHARE, needed)
+
+        # Kept trees of each number of decision nodes, the fittest individual and the best refined tree.
+        n_sizes = archive.max_nodes + 1 if archive.enabled else 0
+        test = share(n_sizes + 2, evaluation.test_episodes)
+        validation = share(n_sizes * archive.keep + 2, evaluation.validation_episodes)
+        final = _LARGEST_SHARE if archive.final_keep > 0 else 0.0
+        ends = {
+            Phase.SEARCH: 1 - test - validation - final,
+            Phase.FINAL_REFINEMENT: 1 - test - validation,
+            Phase.VALIDATION: 1 - test,
+            Phase.TEST: 1.0,
+        }
+        return cls(started, ge.max_seconds, max_env_steps, ends)
 
     def until(self, phase: Phase) -> Limit | None:
         """Return the limit by which a phase has to end; None where there is none."""
         if self.max_seconds is None and self.max_env_steps is None:
             return None
-        share = phase.value
+        share = self.ends[phase]
         return Limit(
             deadline=math.inf if self.max_seconds is None else self.started + share * self.max_seconds,
             max_env_steps=None if self.max_env_steps is None else max(1, int(share * self.max_env_steps)),

@@ -25,6 +25,7 @@ from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.allowance import Allowance, Phase
 from ge_torchrl.run.closing import closing_text
+from ge_torchrl.run.costs import Rationed
 from ge_torchrl.run.loop import Search
 from ge_torchrl.run.plan import Plan, plan
 from ge_torchrl.run.progress import Progress, print_line
@@ -35,6 +36,7 @@ from ge_torchrl.run.recording import (
     write_verdict,
 )
 from ge_torchrl.run.remaining import fraction_after_search
+from ge_torchrl.run.warming import compile_kernels
 from ge_torchrl.search.conclusion import (
     TEST,
     VALIDATION,
@@ -53,6 +55,9 @@ from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.tree import DecisionTree
 
+_logger = logging.getLogger(__name__)
+
+_LIMITS = ("max_seconds", "max_env_steps")
 _TESTING = "Testing what was found; Ctrl-C again leaves it untested in the run folder."
 
 
@@ -80,8 +85,8 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     backend = open_backend(planned.spec, config.env.route, config.evaluation.threads, config.env.workers)
     try:
         if is_first:
-            # Measuring the speed compiles. That happens once, and is no part of what a run may take.
-            _ = backend.steps_per_second
+            # That happens once, and is no part of what a run may take.
+            compile_kernels(planned, backend.name)
             started = time.perf_counter()
         return _Run(planned, backend, output_dir, console, started).to_the_end()
     finally:
@@ -100,7 +105,7 @@ class _Run:
         self.console, self.started = console, started
         self.folder = RunFolder.create(output_dir, self.config)
         self.backend = backend
-        self.allowance = Allowance.of(self.config, started)
+        self.allowance = Allowance.of(self.config, started, backend.spec.max_episode_steps)
         refiner, polisher = _refiners(self.config, backend)
         self.problem = Problem(self.config, planned.tables, backend, refiner, polisher)
         self.search = Search(self.problem, self._watch)
@@ -160,6 +165,8 @@ class _Run:
                 f"ge.{limit.reason} must leave room for a first tree, which needs more"
             ) from limit
         state = self._last_state()
+        if stopped_by in _LIMITS:
+            self._tell_of_limit(state, stopped_by)
         contenders = contenders_of(self.problem, state)
         if not contenders:
             raise GrammarError(
@@ -181,6 +188,13 @@ class _Run:
         champion, by_size = choose(self.problem, contenders_of(self.problem, state))
         self.backend.limit = self.allowance.until(Phase.TEST)
         return stopped_by, evolve_seconds, examine(self.problem, champion, by_size)
+
+    def _tell_of_limit(self, state: SearchState, limit: str) -> None:
+        self.progress.note(
+            f"ge.{limit} is near: generation {state.generation + 1} was broken off, and nothing of it is kept"
+        )
+        if self.config.refiner.enabled and state.counts.refined == 0:
+            _logger.warning("ge.%s left no room to refine trees.", limit)
 
     def _last_state(self) -> SearchState:
         if self.search.state is None:
@@ -286,7 +300,7 @@ def _refiners(config: Config, backend: Backend) -> tuple[Refiner | None, Refiner
         return None, polisher
     if config.refiner.method == "cmaes":
         return LocalSearch(backend, config.polish, "refinement"), polisher
-    return _PPO(backend, config), polisher
+    return Rationed(_PPO(backend, config), backend, config), polisher
 
 
 class _PPO:

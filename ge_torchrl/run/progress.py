@@ -120,6 +120,10 @@ class Progress:
         else:
             self._refresh()
 
+    def note(self, line: str) -> None:
+        """Say something above the live table, or as a line of its own."""
+        self._print(line)
+
     def beat(self, steps: int) -> None:
         """Show that the run is alive.
 

@@ -43,7 +43,7 @@ class Refinement:
             where the refiner was not due.
         tree: What is left after polish and snapping; what is offered and written back.
         fitness: Of `tree`, on the generation's training episodes.
-        training: What the refiner reports; None where it was not due.
+        training: What the refiner reports; None where it was not due, or a limit left no room.
         outcome: IMPROVED where `refined` is fitter than the proposal's tree on the measuring episodes, NOT_IMPROVED, or
             FAILED; None where the refiner was not due.
         fitness_before: Of the proposal's tree on the measuring episodes; NaN where the refiner was not due.
@@ -245,7 +245,9 @@ def _is_fitter(problem: Problem, new: NDArray[np.float64], old: NDArray[np.float
     return bool(fitness[0] > fitness[1])
 
 
-def _outcome(training: TrainingRecord, before: float, after: float) -> str:
+def _outcome(training: TrainingRecord | None, before: float, after: float) -> str | None:
+    if training is None:
+        return None
     if training.failure is not None:
         return FAILED
     return IMPROVED if after > before else NOT_IMPROVED

@@ -5,12 +5,18 @@ from problems_for_tests import config_of
 
 from ge_torchrl.run.allowance import Allowance, Phase
 
+MANY = {"episodes": 3, "validation_episodes": 10**6, "test_episodes": 10**6, "steps_per_second": 1e8}
+KEEPING = {"keep": 3, "final_keep": 1}
+
+
+def allowance(ge, started=0.0, archive=None, evaluation=None):
+    config = config_of(ge=ge, archive=archive or KEEPING, evaluation=evaluation or MANY)
+    return Allowance.of(config, started, max_episode_steps=500)
+
 
 def test_without_limits_a_run_may_take_what_it_takes():
-    allowance = Allowance.of(config_of(), started=100.0)
-    assert [allowance.until(phase) for phase in Phase] == [None] * 4
-    unlimited = Allowance.of(config_of(ge={"max_env_steps": 0}), started=100.0)
-    assert [unlimited.until(phase) for phase in Phase] == [None] * 4
+    assert [allowance({}, 100.0).until(phase) for phase in Phase] == [None] * 4
+    assert [allowance({"max_env_steps": 0}, 100.0).until(phase) for phase in Phase] == [None] * 4
 
 
 @pytest.mark.parametrize(
@@ -18,12 +24,27 @@ def test_without_limits_a_run_may_take_what_it_takes():
     [(Phase.SEARCH, 0.7), (Phase.FINAL_REFINEMENT, 0.8), (Phase.VALIDATION, 0.9), (Phase.TEST, 1.0)],
 )
 def test_each_phase_ends_so_that_the_next_has_its_part(phase, share):
-    seconds = Allowance.of(config_of(ge={"max_seconds": 60}), started=100.0).until(phase)
+    seconds = allowance({"max_seconds": 60}, 100.0).until(phase)
     assert (seconds.deadline, seconds.max_env_steps) == (pytest.approx(100 + share * 60), None)
-    steps = Allowance.of(config_of(ge={"max_env_steps": 10_000}), started=100.0).until(phase)
-    assert (steps.deadline, steps.max_env_steps) == (math.inf, share * 10_000)
+    steps = allowance({"max_env_steps": 10_000}, 100.0).until(phase)
+    assert (steps.deadline, steps.max_env_steps) == (math.inf, pytest.approx(share * 10_000, abs=1))
 
 
 def test_the_last_phase_has_all_of_both():
-    both = Allowance.of(config_of(ge={"max_seconds": 60, "max_env_steps": 1}), started=0.0).until(Phase.TEST)
+    both = allowance({"max_seconds": 60, "max_env_steps": 1}).until(Phase.TEST)
     assert (both.deadline, both.max_env_steps) == (60.0, 1)
+
+
+def test_the_search_has_what_is_not_needed_after_it():
+    without_last = {**KEEPING, "final_keep": 0}
+    assert allowance({"max_seconds": 60}, archive=without_last).ends[Phase.SEARCH] == pytest.approx(0.8)
+    few = {**MANY, "validation_episodes": 10, "test_episodes": 10}
+    # Two trees without an archive, ten episodes of 500 steps, of a million steps, twice.
+    ends = allowance({"max_env_steps": 10**6}, archive={"keep": 0}, evaluation=few).ends
+    assert ends[Phase.SEARCH] == ends[Phase.FINAL_REFINEMENT] == pytest.approx(0.98)
+    seconds = allowance({"max_seconds": 1.0}, archive={"keep": 0}, evaluation=few).ends
+    assert seconds[Phase.SEARCH] == pytest.approx(1 - 2 * 3 * 1e-4)
+    assert (
+        allowance({"max_env_steps": 10**6}, archive=KEEPING, evaluation=few).ends[Phase.FINAL_REFINEMENT]
+        < 0.98
+    )

@@ -67,6 +67,19 @@ class TestKernel:
         assert summaries[0].steps == summaries[1].steps
         assert summaries[0].test_mean == summaries[1].test_mean
 
+    def test_what_was_broken_off_and_what_found_no_room_is_told(self, tmp_path):
+        ge = {**ENDLESS, "max_env_steps": 300_000}
+        refiner = {**EVERYTHING["refiner"], "method": "ppo"}
+        summary, shown = run(config(**{**EVERYTHING, "ge": ge, "refiner": refiner}), tmp_path / "run")
+        told = f"ge.max_env_steps is near: generation {summary.generations} was broken off"
+        assert told in shown
+        # PPO of one tree would take more than there is: the search went on without it.
+        assert (summary.refined, summary.warnings) == (
+            0,
+            ("ge.max_env_steps left no room to refine trees.",),
+        )
+        assert summary.generations > 3
+
     @pytest.mark.parametrize("max_env_steps", [300, 3_000, 30_000])
     def test_a_first_generation_may_be_cut_short(self, tmp_path, max_env_steps):
         summary, _ = limited(tmp_path / "run", {"max_env_steps": max_env_steps, "population_size": 5000})

@@ -1,0 +1,120 @@
+"""What the refinement of a tree takes: a cautious guess from the configuration, and then what it was seen to take."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ge_torchrl.config import Config
+from ge_torchrl.environments.backend import Backend
+from ge_torchrl.refiners.protocol import FIRST, Effort, Refined, Refiner
+from ge_torchrl.trees.tree import DecisionTree
+
+# PyTorch takes so long for a step of a tree in training, beside the environment [s].
+_TRAINING_SECONDS = 2e-5
+# PPO steps environments in one process, and with more between two steps than plain evaluation.
+_SLOWER = 2
+# Loading PyTorch takes so long [s].
+_LOADING_SECONDS = 5.0
+# The part of what is left that a batch may be expected to take.
+_PART = 0.8
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What something takes.
+
+    Attributes:
+        seconds: Clock time [s].
+        steps: Environment steps.
+    """
+
+    seconds: float
+    steps: float
+
+    def __add__(self, other: Cost) -> Cost:
+        return Cost(self.seconds + other.seconds, self.steps + other.steps)
+
+    def times(self, n: float) -> Cost:
+        """Return what `n` of it take."""
+        return Cost(n * self.seconds, n * self.steps)
+
+
+def training_cost(config: Config, max_episode_steps: int) -> Cost:
+    """Return what PPO of one tree will take; episodes may be taken to be half as long as they can be.
+
+    Args:
+        config: The configuration, its budgets resolved.
+        max_episode_steps: The longest episode.
+    """
+    ppo = config.refiner.ppo
+    snapshots = _episodes(
+        config, max_episode_steps, ppo.snapshot_episodes * (ppo.max_timesteps // ppo.update_timesteps)
+    )
+    own = _SLOWER / _steps_per_second(config) + _TRAINING_SECONDS
+    return Cost(ppo.max_timesteps * own, ppo.max_timesteps) + snapshots
+
+
+def measuring_cost(config: Config, max_episode_steps: int) -> Cost:
+    """Return what it will take to accept and to measure a refined tree; see `training_cost`."""
+    refiner = config.refiner
+    n_episodes = 2 * refiner.acceptance_episodes + 3 * refiner.measuring_episodes + config.evaluation.episodes
+    return _episodes(config, max_episode_steps, n_episodes)
+
+
+def _episodes(config: Config, max_episode_steps: int, n: int) -> Cost:
+    steps = n * max_episode_steps / 2
+    return Cost(steps / _steps_per_second(config), steps)
+
+
+def _steps_per_second(config: Config) -> float:
+    return config.evaluation.steps_per_second or math.inf
+
+
+class Rationed:
+    """A refiner that begins no more trees than a limit leaves room for; the others come back as they were.
+
+    Of a generation that a limit breaks off nothing is kept: what was refined in it would be lost. What a tree takes is
+    guessed at first, and then what those of the last batch took.
+
+    Args:
+        refiner: Refines those that are begun.
+        backend: Whose limit holds.
+        config: The configuration, its budgets resolved.
+    """
+
+    def __init__(self, refiner: Refiner, backend: Backend, config: Config) -> None:
+        self._refiner, self._backend = refiner, backend
+        longest = backend.spec.max_episode_steps
+        self._training, self._measuring = training_cost(config, longest), measuring_cost(config, longest)
+        self._loading = _LOADING_SECONDS
+
+    def refine(
+        self,
+        trees: Sequence[DecisionTree],
+        rngs: Sequence[np.random.Generator],
+        effort: Effort = FIRST,
+    ) -> list[Refined]:
+        """Refine the first trees, as many as there is room for; see `Refiner`."""
+        times = effort.factor * effort.patience
+        n = self._begun(len(trees), times)
+        left_out = [Refined(tree, None) for tree in trees[n:]]
+        if n == 0:
+            return left_out
+        started, steps = time.perf_counter(), self._backend.steps.total()
+        refined = self._refiner.refine(trees[:n], rngs[:n], effort)
+        seconds, steps = time.perf_counter() - started, self._backend.steps.total() - steps
+        self._training, self._loading = Cost(seconds, steps).times(1 / (n * times)), 0.0
+        return [*refined, *left_out]
+
+    def _begun(self, n: int, times: int) -> int:
+        limit, cost = self._backend.limit, self._training.times(times) + self._measuring
+        if limit is None:
+            return n
+        seconds = limit.deadline - time.perf_counter() - self._loading
+        room = min(seconds / cost.seconds, self._backend.ledger.steps_left / cost.steps)
+        return int(max(0, min(n, _PART * room)))
