@@ -33,6 +33,7 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
+from omegaconf._utils import get_omega_conf_dumper
 from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
@@ -279,9 +280,18 @@ def _prepare_hydra() -> None:
 
     # A plain mapping, not the records as a typed schema: then one place, config/, judges types and words the errors.
     ConfigStore.instance().store(name="template", node=template())
+    dumper = get_omega_conf_dumper()
+    dumper.add_representer(str, _represented)
     OmegaConf.register_new_resolver("unique_token", unique_token, use_cache=True, replace=True)
     OmegaConf.register_new_resolver("shortened", _shortened, replace=True)
     OmegaConf.register_new_resolver("thesis", _of_the_thesis, replace=True)
+
+
+def _represented(dumper: Any, text: str) -> Any:
+    """Show a text of several lines, such as a grammar, as a block of lines."""
+    if "\n" in text:
+        return dumper.represent_scalar("tag:yaml.org,2002:str", text, style="|")
+    return dumper.str_representer(dumper, text)
 
 
 def _shortened(name: str) -> str:

@@ -37,6 +37,22 @@ BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT = "best_tree.json", "best_tree_full.js
 ARCHIVE, ARCHIVE_TREES = "archive.jsonl", "archive"
 
 
+# YAML takes them for line ends too, and would read another text.
+_ODD_LINE_ENDS = "\r\x85\u2028\u2029"
+
+
+class _BlockDumper(yaml.SafeDumper):
+    """Writes a text of several lines, such as a grammar, as a block of lines."""
+
+    def represent_lines(self, text: str) -> yaml.ScalarNode:
+        """Represent a text; what a block cannot hold exactly is quoted."""
+        style = '"' if any(end in text for end in _ODD_LINE_ENDS) else "|" if "\n" in text else None
+        return self.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_BlockDumper.add_representer(str, _BlockDumper.represent_lines)
+
+
 class RunFolder:
     """The folder of one run.
 
@@ -83,7 +99,7 @@ class RunFolder:
 
     def write_config(self, config: Config) -> None:
         """Write the configuration, again where the run has measured what was left open."""
-        text = yaml.safe_dump(config.as_mapping(), sort_keys=False, allow_unicode=True)
+        text = yaml.dump(config.as_mapping(), Dumper=_BlockDumper, sort_keys=False, allow_unicode=True)
         write_text(self.path / CONFIG, text)
 
     def write_trees(self, pruned: Controller, full: Controller, text: str) -> None:

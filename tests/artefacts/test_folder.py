@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 import yaml
-from hypothesis import given
+from configs_for_tests import config_with
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from records_for_tests import generation, history, kept, refinement, skipped, summary
 from sweeps_for_tests import FULL, PRUNED, chain, config, controller
@@ -221,3 +222,18 @@ def test_finished_runs_are_found_at_any_depth(tmp_path):
         RunFolder.create(tmp_path / name, config()).write_summary(summary())
     RunFolder.create(tmp_path / "unfinished", config())
     assert [found.path for found in find_runs(tmp_path)] == [tmp_path / name for name in ("a", "b/1", "b/2")]
+
+
+@settings(max_examples=300)
+@given(st.text(st.sampled_from("ab <>|:=#-'\"\\\n\t\r\u0085\u2028é"), min_size=1).filter(str.strip))
+def test_the_text_of_a_grammar_is_read_back_as_it_was(tmp_path_factory, text):
+    given_one = config_with("grammar", "bnf", text)
+    folder = RunFolder(tmp_path_factory.mktemp("run"))
+    folder.write_config(given_one)
+    assert folder.read_config() == given_one
+
+
+def test_a_grammar_is_written_as_a_block_of_lines(tmp_path):
+    bnf = "<dt> ::= <if>\n<if> ::= if lt(x, [0, 1] step 1) then left else right\n"
+    RunFolder(tmp_path).write_config(config_with("grammar", "bnf", bnf))
+    assert "  bnf: |\n    <dt> ::= <if>\n    <if> ::= if lt(" in (tmp_path / "config.yaml").read_text()

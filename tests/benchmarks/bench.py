@@ -4,6 +4,7 @@ Times are the best of a few repetitions, since other work on the machine only ev
 test: a slow machine fails no build.
 """
 
+import argparse
 import os
 import statistics
 import subprocess
@@ -140,6 +141,7 @@ def until_shown(environment: str, enough: float, seeds: range) -> tuple[str, str
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description="Measure the speed of the program beside its rivals.").parse_args()
     bench_rollouts()
     bench_linearity()
     bench_runs()

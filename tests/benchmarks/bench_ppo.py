@@ -6,7 +6,7 @@ Seconds are the processor's. The rival of a batch is the same trees one by one; 
 stable-baselines3's PPO with the same settings and a network for an actor; of sampling, TorchRL's `GymEnv`.
 """
 
-import sys
+import argparse
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -210,5 +210,10 @@ def on_one_thread(work: Callable[[], None]) -> None:
 PARTS = {"trees": bench_trees, "thesis": bench_thesis, "sampling": bench_sampling}
 
 if __name__ == "__main__":
-    for part in sys.argv[1:] or PARTS:
+    parser = argparse.ArgumentParser(description="Measure what refinement by PPO costs, beside its rivals.")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; default: all")
+    chosen = parser.parse_args().parts or PARTS
+    if unknown := set(chosen) - set(PARTS):
+        parser.error(f"PART must be of {', '.join(PARTS)}; got {', '.join(sorted(unknown))}")
+    for part in chosen:
         on_one_thread(PARTS[part])

@@ -3,6 +3,7 @@
 Times are the best of a few repetitions, since other work on the machine only ever adds to them.
 """
 
+import argparse
 import itertools
 import time
 from pathlib import Path
@@ -177,5 +178,6 @@ def bench_linearity() -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description="Measure the speed of the program beside its rivals.").parse_args()
     bench_rollouts()
     bench_linearity()

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ge_torchrl.artefacts.records import RefinementRecord
+from ge_torchrl.errors import UserError
 from ge_torchrl.report.canvas import save_figure
 from ge_torchrl.report.evaluated import EvaluatedMethod
 from ge_torchrl.report.evaluation import evaluate, evaluate_runs
@@ -311,4 +312,7 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except UserError as error:
+        sys.exit(f"results.py: {error}")

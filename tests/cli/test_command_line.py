@@ -287,6 +287,8 @@ def test_evaluate_measures_the_trees_of_many_runs(experiment, tmp_path, capsys):
         (["--hydra-help"], "--multirun"),
         (["--cfg", "job", "seed=5"], "seed: 5"),
         (["--cfg", "job", "-p", "ge"], "genotype_length: 100"),
+        (["--cfg", "job"], "  bnf: |\n    <dt>        ::= <if>\n"),
+        (["--help"], "  bnf: |\n    <dt>        ::= <if>\n"),
         (["--version"], ge_torchrl.__version__),
         (["-sc", "install=bash"], "complete"),
     ],
