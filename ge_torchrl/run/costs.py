@@ -44,6 +44,9 @@ class Cost:
         return Cost(n * self.seconds, n * self.steps)
 
 
+NOTHING = Cost(0.0, 0.0)
+
+
 def training_cost(config: Config, max_episode_steps: int) -> Cost:
     """Return what PPO of one tree will take; episodes may be taken to be half as long as they can be.
 
@@ -64,6 +67,19 @@ def measuring_cost(config: Config, max_episode_steps: int) -> Cost:
     refiner = config.refiner
     n_episodes = 2 * refiner.acceptance_episodes + 3 * refiner.measuring_episodes + config.evaluation.episodes
     return _episodes(config, max_episode_steps, n_episodes)
+
+
+def refinement_cost(config: Config, max_episode_steps: int) -> Cost:
+    """Return what PPO of all proposals of a generation will take; see `training_cost`."""
+    if config.refiner.method != "ppo":
+        return NOTHING
+    n_first = config.refiner.candidates + config.archive.neighbours
+    n_again = config.archive.revisit_factor
+    training, measuring = (
+        training_cost(config, max_episode_steps),
+        measuring_cost(config, max_episode_steps),
+    )
+    return training.times(n_first + n_again) + measuring.times(n_first + (n_again > 0))
 
 
 def _episodes(config: Config, max_episode_steps: int, n: int) -> Cost:

@@ -25,7 +25,7 @@ from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.allowance import Allowance, Phase
 from ge_torchrl.run.closing import closing_text
-from ge_torchrl.run.costs import Rationed
+from ge_torchrl.run.costs import Rationed, refinement_cost
 from ge_torchrl.run.loop import Search
 from ge_torchrl.run.plan import Plan, plan
 from ge_torchrl.run.progress import Progress, print_line
@@ -153,6 +153,7 @@ class _Run:
             config.ge.generations,
             config,
             fraction_after_search(config),
+            refinement_cost(config, self.backend.spec.max_episode_steps),
             compiles=self.backend.name == "kernel",
         )
 

@@ -16,7 +16,8 @@ from ge_torchrl.artefacts.records import GenerationRecord, RefinementRecord
 from ge_torchrl.config import Config
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
-from ge_torchrl.run.remaining import Pace, duration, seconds_left
+from ge_torchrl.run.costs import NOTHING, Cost
+from ge_torchrl.run.remaining import Estimate, Pace, duration
 
 # The table shows the generations that brought something new, and the last one.
 _SHOWN_ROWS = 12
@@ -39,6 +40,7 @@ class Progress:
         config: The run's configuration: how trees are refined, and the limits of the run.
         fraction_after_search: Share of the whole run's time that the last refinement, validation and test are
             expected to take.
+        refinement: Guess of what the refinement of a generation takes.
         compiles: Whether kernels may have to be compiled before the first step.
     """
 
@@ -48,6 +50,7 @@ class Progress:
         generations: int,
         config: Config,
         fraction_after_search: float = 0.0,
+        refinement: Cost = NOTHING,
         *,
         compiles: bool = False,
     ) -> None:
@@ -56,8 +59,8 @@ class Progress:
         self._refiner = refiner_of(method_of(config))
         self._refines_often = _planned_refinements(config) > _MOST_REFINEMENTS
         self._columns = _columns(config)
-        self._ge = config.ge
-        self._fraction_after_search = fraction_after_search
+        self._estimate = Estimate(config, fraction_after_search, refinement)
+        self._left_after: dict[int, float] = {}
         self._compiles = compiles
         self._milestones: list[GenerationRecord] = []
         self._last: GenerationRecord | None = None
@@ -97,7 +100,8 @@ class Progress:
         self._last = record
         self._phase = f"generation {record.generation + 1}" if not self._is_last(record) else ""
         self._steps = max(self._steps, record.env_steps)
-        self._left, self._left_from = self._left_after(record), time.monotonic()
+        self._left, self._left_from = self._estimate.seconds_left(record), time.monotonic()
+        self._left_after[record.generation] = self._left
         if not self._milestones or _improves(record, self._milestones[-1]):
             self._milestones.append(record)
         if self._live is not None:
@@ -163,9 +167,6 @@ class Progress:
         first = self._milestones[0] if self._milestones else record
         return Pace.between(first, record)
 
-    def _left_after(self, record: GenerationRecord) -> float:
-        return seconds_left(record, self._pace(record), self._ge, self._fraction_after_search)
-
     def _print(self, line: str) -> None:
         print_line(self._console if self._live is None else self._live.console, line)
         self._said_at = time.monotonic()
@@ -220,7 +221,7 @@ class Progress:
             _REFINED: f"{record.refined:,}",
             _POLISHED: f"{record.polished:,}",
             _RATE: _rate(self._pace(record).steps_per_second),
-            _LEFT: duration(self._left_after(record)),
+            _LEFT: duration(self._left_after[record.generation]),
         }
         return [cells[title] for title in self._columns]
 

@@ -1,43 +1,65 @@
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from problems_for_tests import config_of
 from records_for_tests import generation
 
-from ge_torchrl.config import GEConfig
-from ge_torchrl.run.remaining import Pace, duration, seconds_left
+from ge_torchrl.run.costs import NOTHING, Cost
+from ge_torchrl.run.remaining import Estimate, Pace, duration
 
 
 def record(number, elapsed, steps=1000):
     return generation(number, 1.0, steps=steps, elapsed_seconds=elapsed)
 
 
-def after(number, elapsed, *, fraction=0.0, steps=1000, **limits):
-    """Seconds left at two seconds and so many steps a generation."""
-    pace = Pace(2.0, steps / 2.0)
-    return seconds_left(record(number, elapsed, steps), pace, GEConfig(generations=10, **limits), fraction)
+def estimates(numbers, *, fraction=0.0, refinement=NOTHING, refined=(), each=2.0, **limits):
+    """Seconds left after generations of two seconds and 1000 steps, or ten times that where trees are refined."""
+    schedule = {"every": 0, "generations": list(refined)}
+    refiner = {"method": "ppo" if refined else "none", "schedule": schedule}
+    settings = config_of(ge={"generations": 10, **limits}, refiner=refiner)
+    estimate, elapsed, steps, left = Estimate(settings, fraction, refinement), 0.0, 0, []
+    for number in range(numbers):
+        times = 10 if number in refined else 1
+        elapsed, steps = elapsed + times * each, steps + times * 1000
+        made = generation(
+            number, 1.0, elapsed_seconds=elapsed, evaluation_seconds=each, variation_seconds=0.0
+        )
+        left.append(estimate.seconds_left(replace(made, env_steps=steps)))
+    return left
 
 
 def test_generations_to_come_last_as_long_as_those_so_far():
-    assert after(3, 8.0) == pytest.approx(12.0)
-    assert after(9, 20.0) == 0.0
+    assert estimates(10) == pytest.approx([18.0, 16.0, 14.0, 12.0, 10.0, 8.0, 6.0, 4.0, 2.0, 0.0])
 
 
 def test_what_follows_the_search_is_part_of_it():
     # A search of 20 s is four fifths of 25 s.
-    assert after(3, 8.0, fraction=0.2) == pytest.approx(17.0)
-    assert after(9, 20.0, fraction=0.2) == pytest.approx(5.0)
+    assert estimates(10, fraction=0.2)[3::6] == pytest.approx([17.0, 5.0])
 
 
 def test_no_more_than_the_limits_leave():
-    assert after(3, 8.0, max_seconds=10.0) == pytest.approx(2.0)
-    assert after(3, 8.0, max_env_steps=5000) == pytest.approx(2.0)
-    assert after(3, 8.0, max_env_steps=1000) == 0.0
-    assert after(3, 8.0, max_env_steps=1000, steps=0) == pytest.approx(12.0)
+    assert estimates(4, max_seconds=10.0)[-1] == pytest.approx(2.0)
+    assert estimates(4, max_env_steps=5000)[-1] == pytest.approx(2.0)
+    assert estimates(4, max_env_steps=4000)[-1] == 0.0
 
 
-@given(st.integers(0, 9), st.floats(0, 1e6), st.floats(0, 0.99))
-def test_it_is_never_negative(number, elapsed, fraction):
-    assert after(number, elapsed, fraction=fraction) >= 0.0
+def test_refinements_to_come_are_counted_before_the_first_of_them():
+    guess = Cost(18.0, 9000)
+    # Two of 20 s, the others of 2 s.
+    assert estimates(10, refinement=guess, refined=[4, 8])[::4] == pytest.approx([54.0, 28.0, 2.0])
+    # What they took replaces the guess.
+    assert estimates(6, refinement=Cost(1.0, 1.0), refined=[4, 8])[-1] == pytest.approx(26.0)
+    # Steps of the refinements use up the limit: 23,000 steps, of which 46 s are left after the first generation.
+    assert estimates(1, refinement=guess, refined=[4, 8], max_env_steps=24_000)[0] == pytest.approx(
+        54 * 23 / 27
+    )
+
+
+@given(st.integers(1, 10), st.floats(0, 1e6), st.floats(0, 0.99))
+def test_it_is_never_negative(number, each, fraction):
+    assert min(estimates(number, fraction=fraction, each=each)) >= 0.0
 
 
 def test_the_pace_leaves_out_what_came_before_the_first_generation():
