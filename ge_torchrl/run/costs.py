@@ -14,8 +14,8 @@ from ge_torchrl.environments.backend import Backend
 from ge_torchrl.refiners.protocol import FIRST, Effort, Refined, Refiner
 from ge_torchrl.trees.tree import DecisionTree
 
-# PyTorch takes so long for a step of a tree in training, beside the environment [s].
-_TRAINING_SECONDS = 2e-5
+# PyTorch and TorchRL take so long for a step of a tree in training, beside the environment [s].
+_TRAINING_SECONDS = 4e-5
 # PPO steps environments in one process, and with more between two steps than plain evaluation.
 _SLOWER = 2
 # Loading PyTorch takes so long [s].
