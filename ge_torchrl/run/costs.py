@@ -18,6 +18,10 @@ from ge_torchrl.trees.tree import DecisionTree
 _TRAINING_SECONDS = 4e-5
 # PPO steps environments in one process, and with more between two steps than plain evaluation.
 _SLOWER = 2
+# Outside kernels a batch of any size takes so long for each step of its eight copies of the environment [s].
+_BATCH_SECONDS, _COPIES = 1.5e-3, 8
+# From this speed on an environment has kernels.
+_KERNELS = 1e6
 # Loading PyTorch takes so long [s].
 _LOADING_SECONDS = 5.0
 # The part of what is left that a batch may be expected to take.
@@ -62,6 +66,13 @@ def training_cost(config: Config, max_episode_steps: int) -> Cost:
     return Cost(ppo.max_timesteps * own, ppo.max_timesteps) + snapshots
 
 
+def batch_cost(config: Config) -> Cost:
+    """Return what a batch takes beside its trees, however many they are."""
+    if _steps_per_second(config) >= _KERNELS:
+        return NOTHING
+    return Cost(config.refiner.ppo.max_timesteps / _COPIES * _BATCH_SECONDS, 0.0)
+
+
 def measuring_cost(config: Config, max_episode_steps: int) -> Cost:
     """Return what it will take to accept and to measure a refined tree; see `training_cost`."""
     refiner = config.refiner
@@ -79,7 +90,8 @@ def refinement_cost(config: Config, max_episode_steps: int) -> Cost:
         training_cost(config, max_episode_steps),
         measuring_cost(config, max_episode_steps),
     )
-    return training.times(n_first + n_again) + measuring.times(n_first + (n_again > 0))
+    batches = batch_cost(config).times(1 + n_again)
+    return batches + training.times(n_first + n_again) + measuring.times(n_first + (n_again > 0))
 
 
 def _episodes(config: Config, max_episode_steps: int, n: int) -> Cost:
@@ -107,6 +119,7 @@ class Rationed:
         self._refiner, self._backend = refiner, backend
         longest = backend.spec.max_episode_steps
         self._training, self._measuring = training_cost(config, longest), measuring_cost(config, longest)
+        self._batch = batch_cost(config)
         self._loading = _LOADING_SECONDS
 
     def refine(
@@ -124,6 +137,7 @@ class Rationed:
         started, steps = time.perf_counter(), self._backend.steps.total()
         refined = self._refiner.refine(trees[:n], rngs[:n], effort)
         seconds, steps = time.perf_counter() - started, self._backend.steps.total() - steps
+        # A share of the batch is in it; for fewer trees that is too little, so the batch stays on top.
         self._training, self._loading = Cost(seconds, steps).times(1 / (n * times)), 0.0
         return [*refined, *left_out]
 
@@ -131,6 +145,6 @@ class Rationed:
         limit, cost = self._backend.limit, self._training.times(times) + self._measuring
         if limit is None:
             return n
-        seconds = limit.deadline - time.perf_counter() - self._loading
+        seconds = limit.deadline - time.perf_counter() - self._loading - times * self._batch.seconds
         room = min(seconds / cost.seconds, self._backend.ledger.steps_left / cost.steps)
         return int(max(0, min(n, _PART * room)))
