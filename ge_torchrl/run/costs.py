@@ -1,4 +1,4 @@
-"""What the refinement of a tree takes: a cautious guess from the configuration, and then what it was seen to take."""
+"""What the refinement of a tree takes: a cautious guess from the configuration, and the seconds that were seen."""
 
 from __future__ import annotations
 
@@ -106,8 +106,9 @@ def _steps_per_second(config: Config) -> float:
 class Rationed:
     """A refiner that begins no more trees than a limit leaves room for; the others come back as they were.
 
-    Of a generation that a limit breaks off nothing is kept: what was refined in it would be lost. What a tree takes is
-    guessed at first, and then what those of the last batch took.
+    Of a generation that a limit breaks off nothing is kept: what was refined in it would be lost. The seconds of a
+    tree are guessed at first, and then those that a tree of the last batch took. Its steps are always the guess: with
+    a limit of steps alone a run is a function of its state, whatever was refined before.
 
     Args:
         refiner: Refines those that are begun.
@@ -134,11 +135,11 @@ class Rationed:
         left_out = [Refined(tree, None) for tree in trees[n:]]
         if n == 0:
             return left_out
-        started, steps = time.perf_counter(), self._backend.steps.total()
+        started = time.perf_counter()
         refined = self._refiner.refine(trees[:n], rngs[:n], effort)
-        seconds, steps = time.perf_counter() - started, self._backend.steps.total() - steps
+        seconds = (time.perf_counter() - started) / (n * times)
         # A share of the batch is in it; for fewer trees that is too little, so the batch stays on top.
-        self._training, self._loading = Cost(seconds, steps).times(1 / (n * times)), 0.0
+        self._training, self._loading = Cost(seconds, self._training.steps), 0.0
         return [*refined, *left_out]
 
     def _begun(self, n: int, times: int) -> int:

@@ -65,11 +65,11 @@ def test_no_more_are_begun_than_the_steps_allow(rationed):
     # 2600 steps are guessed for each of four trees, and a fifth is kept free.
     backend.limit = Limit(max_env_steps=13_100)
     assert refined(refiner, 6) == [True] * 4 + [False] * 2
-    # They took 500 each: with 1100 more for measuring, five have room now, or two of five times the effort.
+    # They took 500 each, and the guess stays: what a run does follows from the steps that are left.
     assert backend.ledger.steps_left == 11_100
-    assert refined(refiner, 6, Effort(patience=5)) == [True] * 2 + [False] * 4
-    assert backend.ledger.steps_left == 6_100
-    assert refined(refiner, 6) == [True] * 3 + [False] * 3
+    assert refined(refiner, 6, Effort(patience=5)) == [True] + [False] * 5
+    assert backend.ledger.steps_left == 8_600
+    assert refined(refiner, 6) == [True] * 2 + [False] * 4
     backend.limit = Limit(max_env_steps=1)
     assert refined(refiner, 6) == [False] * 6
 
