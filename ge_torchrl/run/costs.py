@@ -14,8 +14,9 @@ from ge_torchrl.environments.backend import Backend
 from ge_torchrl.refiners.protocol import FIRST, Effort, Refined, Refiner
 from ge_torchrl.trees.tree import DecisionTree
 
-# PyTorch and TorchRL take so long for a step of a tree in training, beside the environment [s].
-_TRAINING_SECONDS = 4e-5
+# PyTorch and TorchRL take so long for a step of a tree in training, beside the environment [s]: in the large batches
+# that kernels are refined in, and in the small ones of other environments.
+_TRAINING_SECONDS_WITH_KERNELS, _TRAINING_SECONDS = 8e-6, 4e-5
 # PPO steps environments in one process, and with more between two steps than plain evaluation.
 _SLOWER = 2
 # Outside kernels a batch of any size takes so long for each step of its eight copies of the environment [s].
@@ -62,7 +63,9 @@ def training_cost(config: Config, max_episode_steps: int) -> Cost:
     snapshots = _episodes(
         config, max_episode_steps, ppo.snapshot_episodes * (ppo.max_timesteps // ppo.update_timesteps)
     )
-    own = _SLOWER / _steps_per_second(config) + _TRAINING_SECONDS
+    has_kernels = _steps_per_second(config) >= _KERNELS
+    training = _TRAINING_SECONDS_WITH_KERNELS if has_kernels else _TRAINING_SECONDS
+    own = _SLOWER / _steps_per_second(config) + training
     return Cost(ppo.max_timesteps * own, ppo.max_timesteps) + snapshots
 
 

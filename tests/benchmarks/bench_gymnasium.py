@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import statistics
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -108,10 +109,8 @@ def summed(make: Callable[[], EnvBase]) -> EnvBase:
     return TransformedEnv(make(), RewardSum())
 
 
-def batches(environment: EnvBase, n: int) -> Iterator[object]:
-    return iter(
-        Collector(environment, actor(), frames_per_batch=n * STEPS, total_frames=-1, track_traj_ids=False)
-    )
+def batches(environment: EnvBase, n: int) -> Collector:
+    return Collector(environment, actor(), frames_per_batch=n * STEPS, total_frames=-1, track_traj_ids=False)
 
 
 def multi_sync(n: int) -> MultiSyncCollector:
@@ -119,7 +118,7 @@ def multi_sync(n: int) -> MultiSyncCollector:
     return MultiSyncCollector(makers, actor(), frames_per_batch=n * STEPS, total_frames=-1, cat_results=0)
 
 
-def ways(n: int) -> dict[str, tuple[Iterator[object], int]]:
+def ways(n: int) -> dict[str, tuple[Collector, int]]:
     spec = describe(LUNAR_LANDER)
     return {
         "GymEnv, one copy": (batches(summed(single), 1), 1),
@@ -135,10 +134,14 @@ def ways(n: int) -> dict[str, tuple[Iterator[object], int]]:
 
 def frames_a_second(n: int) -> None:
     opened = ways(n)
+    iterators = {name: iter(collector) for name, (collector, _) in opened.items()}
     measured: dict[str, list[tuple[float, float]]] = {name: [] for name in opened}
     for _ in range(ROUNDS + 1):
-        for name, (samples, lanes) in opened.items():
-            measured[name].append(timed(samples, lanes * STEPS))
+        for name, samples in iterators.items():
+            measured[name].append(timed(samples, opened[name][1] * STEPS))
+    # Worker processes that nobody closes would keep this one from ending.
+    for collector, _ in opened.values():
+        collector.shutdown()
     # These processes go on collecting while nobody asks: they are measured when the others are quiet.
     free_running = multi_sync(n)
     samples = iter(free_running)
@@ -165,6 +168,8 @@ if __name__ == "__main__":
     argparse.ArgumentParser(
         description="Measure what stepping Gymnasium costs, beside its rivals."
     ).parse_args()
+    # What TorchRL will do otherwise some day does not change what is measured.
+    warnings.filterwarnings("ignore", category=FutureWarning, module="torchrl")
     torch.set_num_threads(1)
     for each in TREES:
         against_the_plain_loop(each)
