@@ -16,7 +16,7 @@ from ge_torchrl.trees.tree import DecisionTree
 
 # PyTorch and TorchRL take so long for a step of a tree in training, beside the environment [s]: in the large batches
 # that kernels are refined in, and in the small ones of other environments.
-_TRAINING_SECONDS_WITH_KERNELS, _TRAINING_SECONDS = 8e-6, 4e-5
+_TRAINING_SECONDS_WITH_KERNELS, _TRAINING_SECONDS = 5e-6, 4e-5
 # PPO steps environments in one process, and with more between two steps than plain evaluation.
 _SLOWER = 2
 # Outside kernels a batch of any size takes so long for each step of its eight copies of the environment [s].
