@@ -19,7 +19,7 @@ run: $(VENV)/.installed ## Evolve a controller; choose with ENV=mountaincar and 
 	@$(BIN)/python -m ge_torchrl env=$(ENV) $(ARGS)
 
 test: lint ## Check style, types, imports and behaviour: all that CI checks
-	@$(BIN)/pytest
+	@$(BIN)/pytest -n auto
 
 # Each stands in for an older processor, or for one with fewer cores; the last is all the slow ones together.
 test-processors: $(VENV)/.installed-dev ## Run the tests as on other processors: PyTorch, numba and NumPy with fewer instructions
@@ -31,7 +31,7 @@ test-processors: $(VENV)/.installed-dev ## Run the tests as on other processors:
 		"OMP_NUM_THREADS=1 MKL_NUM_THREADS=1" \
 		"OMP_NUM_THREADS=2 MKL_NUM_THREADS=2" \
 		"ATEN_CPU_CAPABILITY=default NUMBA_CPU_NAME=generic OMP_NUM_THREADS=1"; \
-	do echo "$$setting"; env $$setting $(BIN)/pytest || failed="$$failed  $$setting\n"; done; \
+	do echo "$$setting"; env $$setting $(BIN)/pytest -n auto || failed="$$failed  $$setting\n"; done; \
 	if [ -n "$$failed" ]; then printf "Tests failed with\n$$failed" >&2; exit 1; fi
 
 lint: $(VENV)/.installed-dev ## Check style, types and the direction of imports
