@@ -125,7 +125,8 @@ class Progress:
             self._refresh()
 
     def note(self, line: str) -> None:
-        """Say something above the live table, or as a line of its own."""
+        """Say something of what came so far: above the live table, or as a line after the last generation."""
+        self._print_held()
         self._print(line)
 
     def beat(self, steps: int) -> None:

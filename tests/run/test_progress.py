@@ -112,10 +112,11 @@ class TestPlainLines:
         with Progress(console_to(output), 240, config(generations=240)) as progress:
             for number in range(6):
                 progress.show(record(number, 1.0))
+            progress.note("limit")
             progress.say("Validation and test ...")
             progress.end()
         lines = output.getvalue().splitlines()[1:]
-        assert [line.split()[0] for line in lines] == ["0", "5", "Validation"]
+        assert [line.split()[0] for line in lines] == ["0", "5", "limit", "Validation"]
 
     def test_before_the_first_step_kernels_compile(self, clock):
         output = io.StringIO()
