@@ -7,6 +7,7 @@ copies of LunarLander, by each way to spread them.
 from __future__ import annotations
 
 import argparse
+import os
 import statistics
 import time
 import warnings
@@ -176,3 +177,5 @@ if __name__ == "__main__":
     for n_copies in (64, 128):
         print(f"LunarLander-v3 under TorchRL's collector, {n_copies} copies, frames a second:", flush=True)
         frames_a_second(n_copies)
+    # Processes that TorchRL started in several ways keep Python waiting for its resource tracker: all is printed.
+    os._exit(0)
