@@ -1,16 +1,11 @@
 """A whole run, on a small scale, and everything that it leaves."""
 
-import io
 import json
 import re
 from dataclasses import asdict, replace
 
-import gymnasium as gym
 import pytest
 import yaml
-from environments_for_tests import CountdownEnv
-from faulty_environments import LateNaNEnv, RaisingEnv
-from rich.console import Console
 from runs_for_tests import assert_same_bytes, config, run, without_clock
 from walks_for_tests import BNF, CountingWalkEnv, registered
 
@@ -19,7 +14,7 @@ from ge_torchrl.artefacts.records import CLOCK_FIELDS
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.spec import describe
-from ge_torchrl.errors import ArtefactError, EnvironmentFaultError, GrammarError, RunFaultError
+from ge_torchrl.errors import ArtefactError, EnvironmentFaultError, GrammarError
 from ge_torchrl.run import experiment
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.forest import Forest
@@ -182,202 +177,6 @@ class TestStopWhenSolved:
         assert "asking validation" not in never.steps
         assert summary.steps["training"] == never.steps["training"]
         assert "stopped by" not in output
-
-
-class TestInterrupt:
-    @staticmethod
-    def interrupt_in(monkeypatch, generation):
-        original = experiment.Progress.show
-
-        def interrupted(self, record):
-            original(self, record)
-            if record.generation == generation:
-                raise KeyboardInterrupt
-
-        monkeypatch.setattr(experiment.Progress, "show", interrupted)
-
-    def test_it_keeps_and_tests_what_was_found(self, tmp_path, monkeypatch):
-        self.interrupt_in(monkeypatch, 4)
-        summary, output = run(config(), tmp_path / "run")
-        assert (summary.stopped_by, summary.generations) == ("interrupt", 5)
-        assert len(RunFolder(tmp_path / "run").read_history()) == 5
-        assert re.search(r"stopped by +interrupt", output)
-        assert "Ctrl-C again leaves it untested" in output
-
-    def test_a_second_one_leaves_the_best_tree_and_the_archive_untested(self, tmp_path, monkeypatch):
-        def impatient(*_):
-            raise KeyboardInterrupt
-
-        monkeypatch.setattr(experiment, "choose", impatient)
-        with pytest.raises(KeyboardInterrupt):
-            run(config(), tmp_path / "run")
-        assert_untested(RunFolder(tmp_path / "run"))
-
-    def test_where_nobody_reads_any_more_what_was_found_is_kept_and_nothing_is_called_broken(self, tmp_path):
-        class Closed(io.StringIO):
-            def write(self, text):
-                if text.startswith("    3 "):
-                    raise BrokenPipeError
-                return super().write(text)
-
-        class ClosedConsole(Console):
-            def on_broken_pipe(self):
-                self.quiet = True
-                raise BrokenPipeError
-
-        with pytest.raises(BrokenPipeError):
-            experiment.run(config(), tmp_path / "run", ClosedConsole(file=Closed(), width=100))
-        assert_untested(RunFolder(tmp_path / "run"))
-        assert not (tmp_path / "run" / "traceback.txt").exists()
-
-    def test_in_the_last_refinement_it_goes_on_with_what_was_there(self, tmp_path, monkeypatch):
-        def impatient(*_):
-            raise KeyboardInterrupt
-
-        monkeypatch.setattr(experiment, "refine_once_more", impatient)
-        settings = config(
-            ge={"generations": 2}, polish={"every": 1, "max_timesteps": 5000}, archive={"final_keep": 1}
-        )
-        summary, output = run(settings, tmp_path / "run")
-        assert (summary.stopped_by, summary.generations) == ("generations", 2)
-        assert "Ctrl-C again leaves it untested" in output
-
-    def test_before_the_first_generation_there_is_nothing_to_keep(self, tmp_path, monkeypatch):
-        def impatient(*_):
-            raise KeyboardInterrupt
-
-        monkeypatch.setattr(experiment.Search, "run", impatient)
-        with pytest.raises(KeyboardInterrupt):
-            run(config(), tmp_path / "run")
-        assert {path.name for path in (tmp_path / "run").iterdir()} == {"config.yaml", "history.jsonl"}
-
-
-def assert_untested(folder):
-    """Assert that the best tree and the archive are there, and that nothing is said of a test."""
-    history = folder.read_history()
-    controller = folder.read_best_tree()
-    assert controller.provenance["test_mean"] is None
-    assert controller.provenance["train_fitness"] >= history[-1].best_fitness
-    records = folder.read_archive()
-    assert records
-    for record in records:
-        assert (record.validation_mean, record.test_mean) == (None, None)
-        assert (
-            folder.read_archive_tree(record.decision_nodes).tree.num_decision_nodes == record.decision_nodes
-        )
-    assert not (folder.path / "summary.json").exists()
-
-
-class TestFault:
-    @staticmethod
-    def break_in(monkeypatch, generation, fault):
-        original = experiment.Progress.show
-
-        def breaking(self, record):
-            original(self, record)
-            if record.generation == generation:
-                raise fault
-
-        monkeypatch.setattr(experiment.Progress, "show", breaking)
-
-    def test_a_fault_of_the_environment_keeps_the_best_tree_and_the_archive(self, tmp_path, monkeypatch):
-        self.break_in(monkeypatch, 3, EnvironmentFaultError("CartPole-v1 raised OSError(),\nand what not"))
-        with pytest.raises(EnvironmentFaultError) as raised:
-            run(config(), tmp_path / "run")
-        text = str(raised.value)
-        assert re.fullmatch(
-            r"CartPole-v1 raised OSError\(\), and what not; the best tree so far is in .*run, untested", text
-        )
-        assert len(RunFolder(tmp_path / "run").read_history()) == 4
-        assert_untested(RunFolder(tmp_path / "run"))
-
-    @pytest.mark.parametrize("fault", [ZeroDivisionError("a bug\nof ours"), MemoryError()])
-    def test_a_bug_does_too_and_says_where_its_details_are(self, tmp_path, monkeypatch, fault):
-        self.break_in(monkeypatch, 3, fault)
-        with pytest.raises(RunFaultError) as raised:
-            run(config(), tmp_path / "run")
-        text = str(raised.value)
-        assert "\n" not in text
-        assert re.search(
-            rf"broke off \({type(fault).__name__}: ?.*\); the best tree .* untested; details are in .*", text
-        )
-        trace = tmp_path / "run" / "traceback.txt"
-        assert str(trace) in text
-        assert "in breaking" in trace.read_text()
-        assert_untested(RunFolder(tmp_path / "run"))
-
-    @pytest.mark.parametrize("phase", ["choose", "examine", "refine_once_more"])
-    def test_whatever_the_phase(self, tmp_path, monkeypatch, phase):
-        def broken(*_):
-            raise RuntimeError(phase)
-
-        monkeypatch.setattr(experiment, phase, broken)
-        settings = config(
-            ge={"generations": 3}, polish={"every": 1, "max_timesteps": 2000}, archive={"final_keep": 1}
-        )
-        with pytest.raises(RunFaultError, match=rf"RuntimeError: {phase}.*untested"):
-            run(settings, tmp_path / "run")
-        assert_untested(RunFolder(tmp_path / "run"))
-
-    def test_before_the_first_tree_that_is_said(self, tmp_path, monkeypatch):
-        def broken(*_):
-            raise RuntimeError("early")
-
-        monkeypatch.setattr(experiment.Search, "run", broken)
-        with pytest.raises(RunFaultError, match="no tree was there yet"):
-            run(config(), tmp_path / "run")
-
-    def test_genotypes_too_short_for_the_grammar_are_explained(self, tmp_path):
-        with pytest.raises(
-            GrammarError, match=r"no genotype of 2 codons gave a tree.*ge\.genotype_length"
-        ) as raised:
-            run(config(ge={"genotype_length": 2}), tmp_path / "run")
-        assert "\n" not in str(raised.value)
-
-
-def own(env, **sections):
-    """Return the configuration of an environment of ours, for a short run."""
-    small = {"generations": 3, "population_size": 6}
-    few = {"episodes": 2, "validation_episodes": 5, "test_episodes": 5}
-    return config(
-        env=env, grammar={"bnf": BNF}, ge={**small, **sections.pop("ge", {})}, evaluation=few,
-        archive={"episodes": 3}, **sections,
-    )  # fmt: skip
-
-
-class TestOwnEnvironments:
-    def test_any_environment_runs_and_one_without_threshold_has_no_verdict(self, tmp_path):
-        with registered(CountdownEnv) as env:
-            summary, output = run(own({**env, "route": "auto"}, ge={"generations": 8}), tmp_path / "run")
-        assert (summary.solved, summary.route) == (None, "gymnasium")
-        assert summary.test_mean == 18.0, "the second action pays 6 for each of three steps"
-        assert "no threshold" in output
-        # All branches that are visited pay best with the same action: pruning leaves one leaf.
-        assert "always a1" in output
-
-    def test_a_fault_in_its_first_steps_names_it_and_leaves_no_folder(self, tmp_path):
-        with (
-            registered(RaisingEnv) as env,
-            pytest.raises(EnvironmentFaultError, match=r"the motor.*is on fire"),
-        ):
-            run(own(env), tmp_path / "run")
-        assert not (tmp_path / "run").exists()
-
-    def test_a_fault_in_mid_run_names_it_and_keeps_the_best_tree(self, tmp_path):
-        class Late(LateNaNEnv):
-            """Observes NaN in the first test episode."""
-
-            def reset(self, *, seed=None, options=None):
-                first = int(episode_seeds("test", 5, stream(0, "test episodes"))[0])
-                return super().reset(seed=9999 if seed == first else seed, options=options)
-
-        with (
-            registered(Late) as env,
-            pytest.raises(EnvironmentFaultError, match=r"NaN.*the best tree.*untested"),
-        ):
-            run(own(env), tmp_path / "run")
-        assert_untested(RunFolder(tmp_path / "run"))
-        assert gym.registry.get("Walk-v0") is None
 
 
 def test_penalty_and_parsimony_reach_evolution(finished, tmp_path):

@@ -14,7 +14,6 @@ from problems_for_tests import (
     POORER,
     Analytic,
     Noting,
-    cartpole,
     contender,
     leaf,
     problem_of,
@@ -26,13 +25,6 @@ from ge_torchrl.search.fitness import archive_seeds, fitness_of
 from ge_torchrl.search.population import Population
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import simplify_tree
-
-
-@pytest.fixture(scope="module")
-def opened():
-    backend = cartpole()
-    yield backend
-    backend.close()
 
 
 @pytest.fixture

@@ -15,7 +15,6 @@ from problems_for_tests import (
     Answers,
     Noting,
     Nudge,
-    cartpole,
     contender,
     leaf,
     moved_by,
@@ -41,13 +40,6 @@ from ge_torchrl.search.fitness import test_seeds as unseen_seeds
 from ge_torchrl.search.fitness import validation_seeds
 from ge_torchrl.search.step import first_state
 from ge_torchrl.trees.forest import Forest
-
-
-@pytest.fixture(scope="module")
-def opened():
-    backend = cartpole()
-    yield backend
-    backend.close()
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ from problems_for_tests import (
     POOR,
     Analytic,
     Noting,
-    cartpole,
     comb,
     contender,
     leaf,
@@ -41,13 +40,6 @@ from ge_torchrl.trees.simplify import simplify_tree
 
 CARTPOLE = Eligibility(solved_at=475.0, lowest_return=None)
 MOUNTAIN_CAR = Eligibility(solved_at=-110.0, lowest_return=-200.0)
-
-
-@pytest.fixture(scope="module")
-def opened():
-    backend = cartpole()
-    yield backend
-    backend.close()
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from problems_for_tests import (
     Analytic,
     Answers,
     Noting,
-    cartpole,
     leaf,
     moved_by,
     problem_of,
@@ -36,13 +35,6 @@ from ge_torchrl.trees.forest import Forest
 # The refiner is due in every second generation, a polish in every third.
 REFINES, POLISHES, BOTH, NEITHER = 2, 3, 6, 1
 TESTS_POSITION = split(0, 0.0, split(3, 0.1, leaf(0), leaf(1)), leaf(1))
-
-
-@pytest.fixture(scope="module")
-def opened():
-    backend = cartpole()
-    yield backend
-    backend.close()
 
 
 @pytest.fixture

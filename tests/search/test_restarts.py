@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems_for_tests import Nudge, cartpole, problem_of
+from problems_for_tests import Nudge, problem_of
 from states_for_tests import plain, rebuilt
 
 from ge_torchrl.config import GEConfig
@@ -11,13 +11,6 @@ from ge_torchrl.search.restarts import begins_anew, goes_on_together, together
 from ge_torchrl.search.step import first_state, step
 
 ARCHIVE = {"keep": 2, "neighbours": 4, "revisit_factor": 5, "migrants": 2}
-
-
-@pytest.fixture(scope="module")
-def opened():
-    backend = cartpole()
-    yield backend
-    backend.close()
 
 
 def problem(backend, restarts, generations=9):

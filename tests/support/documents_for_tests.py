@@ -104,3 +104,21 @@ WIDE_TEXT = """\
   "provenance": {}
 }
 """  # noqa: E501
+
+
+def places(value, path=()):
+    """Yield the path to every value within a JSON value."""
+    yield path
+    entries = (
+        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    )
+    for key, entry in entries:
+        yield from places(entry, (*path, key))
+
+
+def replaced(value, path, new):
+    if not path:
+        return new
+    copy = value.copy()
+    copy[path[0]] = replaced(value[path[0]], path[1:], new) if path[1:] else new
+    return copy

@@ -76,3 +76,19 @@ def still(path):
     """Return a summary without what the clock says."""
     values = json.loads(path.read_text())
     return {key: value for key, value in values.items() if key not in CLOCK_FIELDS}
+
+
+def assert_untested(folder):
+    """Assert that the best tree and the archive are there, and that nothing is said of a test."""
+    history = folder.read_history()
+    controller = folder.read_best_tree()
+    assert controller.provenance["test_mean"] is None
+    assert controller.provenance["train_fitness"] >= history[-1].best_fitness
+    records = folder.read_archive()
+    assert records
+    for record in records:
+        assert (record.validation_mean, record.test_mean) == (None, None)
+        assert (
+            folder.read_archive_tree(record.decision_nodes).tree.num_decision_nodes == record.decision_nodes
+        )
+    assert not (folder.path / "summary.json").exists()

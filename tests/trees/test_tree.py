@@ -1,36 +1,14 @@
-import dataclasses
-import pickle
-
 import numpy as np
 import pytest
+from arrays_for_tests import AXIS_ALIGNED, TREE
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import any_trees, float32s, observations, trees, weighted_trees
+from strategies import any_trees, observations
 
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
-
-AXIS_ALIGNED = {
-    "feature": [2, 3],
-    "threshold": [0.5, 0.25],
-    "children_left": [1, ~0],
-    "children_right": [~2, ~1],
-    "action": [0, 1, 1],
-}
-TREE = DecisionTree.axis_aligned(**AXIS_ALIGNED)
-ARRAYS = {name: array.tolist() for name, array in TREE.arrays._asdict().items()} | {
-    "leaf_weight": np.zeros((0, 0))
-}
-VALUES = {
-    **ARRAYS,
-    "action": [],
-    "value": [[0.5], [1.0], [2.0]],
-    "leaf_term_start": [0, 0, 2, 2],
-    "leaf_feature": [1, 0],
-    "leaf_weight": [[1.0], [3.0]],
-}
 
 
 @st.composite
@@ -180,73 +158,6 @@ def test_depth_is_the_longest_path(tree):
     assert tree.depth == depth_of(tree, 0 if tree.num_decision_nodes else ~0)
 
 
-@given(any_trees())
-def test_parameters_come_back(tree):
-    assert tree.with_parameters(tree.parameters) == tree
-
-
-@given(st.data(), any_trees())
-def test_other_parameters_leave_the_structure_and_are_kept(data, tree):
-    n = len(tree.parameters)
-    numbers = data.draw(st.lists(float32s(), min_size=n, max_size=n))
-    other = tree.with_parameters(numbers)
-    assert other.structure == tree.structure
-    assert np.array_equal(other.parameters, np.float32(numbers))
-    assert (other == tree) == (other.parameters.tobytes() == tree.parameters.tobytes())
-    assert DecisionTree(*other.arrays) == other
-
-
-@given(any_trees(), any_trees())
-def test_structures_are_equal_exactly_where_only_numbers_differ(one, other):
-    differ_in_numbers = (
-        len(one.parameters) == len(other.parameters) and one.with_parameters(other.parameters) == other
-    )
-    assert (one.structure == other.structure) == differ_in_numbers
-
-
-def test_parameters_stand_in_their_order():
-    below = split(
-        0,
-        0.5,
-        DecisionTree.value_leaf([10.0, 11.0], {1: [20.0, 21.0]}),
-        DecisionTree.value_leaf([12.0, 13.0]),
-    )
-    tree = DecisionTree.weighted_split([0, 3], [2.0, 3.0], -1.0, DecisionTree.value_leaf([8.0, 9.0]), below)
-    assert tree.parameters.tolist() == [-1.0, 0.5, 2.0, 3.0, 8, 9, 10, 11, 12, 13, 20, 21]
-    spread = np.array([4.0, 2.0, 1.0, 0.5])
-    of_sum = np.hypot(2 * 4, 3 * 0.5)
-    expected = [of_sum, 4.0, of_sum / 4, of_sum / 0.5, *[1.0] * 6, 0.5, 0.5]
-    assert tree.parameter_units(spread) == pytest.approx(expected)
-
-
-@given(weighted_trees())
-def test_every_parameter_has_a_step(tree):
-    units = tree.parameter_units(np.array([0.5, 1.0, 2.0, 4.0]))
-    assert units.shape == tree.parameters.shape
-    assert (units > 0).all()
-
-
-def test_the_weight_of_a_lone_term_is_no_parameter():
-    scaled = DecisionTree.weighted_split([0], [2.0], 1.0, leaf(0), leaf(1))
-    assert not scaled.is_axis_aligned
-    assert scaled.parameters.tolist() == [1.0]
-    assert scaled.structure != split(0, 1.0, leaf(0), leaf(1)).structure
-    assert scaled.parameter_units(np.array([3.0])).tolist() == [6.0]
-
-
-@pytest.mark.parametrize(
-    ("numbers", "message"),
-    [
-        ([0.5], "has 2 parameters; 1 were given"),
-        ([0.5, np.nan], r"parameters\[1\] must be a finite float32, not nan"),
-        ([1e39, 0.5], r"parameters\[0\] must be a finite float32, not 1e\+39"),
-    ],
-)
-def test_parameters_of_something_else_are_refused(numbers, message):
-    with pytest.raises(InvalidTreeError, match=message):
-        TREE.with_parameters(numbers)
-
-
 def test_other_actions():
     assert TREE.with_actions([2, 0, 1]) == split(2, 0.5, split(3, 0.25, leaf(2), leaf(0)), leaf(1))
     for actions in ([0, 1], [0, 1, -1]):
@@ -266,131 +177,3 @@ def test_a_split_is_visited_as_often_as_its_leaves(data, tree):
         splits, leaves = [], []
         numbered(tree, node, splits, leaves)
         assert visited == visits[leaves].sum()
-
-
-@pytest.mark.parametrize("name", ARRAYS)
-def test_arrays_are_read_only_copies(name):
-    given_array = np.array(VALUES[name], dtype=getattr(TREE, name).dtype)
-    tree = DecisionTree(**{**VALUES, name: given_array})
-    if given_array.size == 0:
-        return
-    given_array[0] = 7
-    assert getattr(tree, name).tolist() == VALUES[name]
-    with pytest.raises(ValueError, match="read-only"):
-        getattr(tree, name)[0] = 7
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        setattr(tree, name, given_array)
-
-
-def test_types_are_fixed():
-    tree = DecisionTree(
-        **{name: np.array(values) for name, values in VALUES.items() if name != "action"}, action=[]
-    )
-    floats = {name for name, array in tree.arrays._asdict().items() if array.dtype == np.float32}
-    assert floats == {"weight", "threshold", "value", "leaf_weight"}
-    assert {array.dtype for name, array in tree.arrays._asdict().items() if name not in floats} == {
-        np.dtype(np.int32)
-    }
-
-
-def test_equal_arrays_make_equal_trees():
-    assert DecisionTree.axis_aligned(**AXIS_ALIGNED) == TREE
-    assert hash(DecisionTree.axis_aligned(**AXIS_ALIGNED)) == hash(TREE)
-    assert TREE != "a tree"
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        split(1, 0.5, split(3, 0.25, leaf(0), leaf(1)), leaf(1)),
-        split(2, 0.75, split(3, 0.25, leaf(0), leaf(1)), leaf(1)),
-        split(2, 0.5, leaf(1), split(3, 0.25, leaf(0), leaf(1))),
-        split(2, 0.5, split(3, 0.25, leaf(0), leaf(1)), leaf(0)),
-    ],
-)
-def test_each_array_counts_in_equality(other):
-    assert other != TREE
-
-
-@given(trees(), trees())
-def test_trees_are_equal_exactly_where_their_arrays_are(one, other):
-    arrays = zip(one.arrays, other.arrays, strict=True)
-    assert (one == other) == all(np.array_equal(of_one, of_other) for of_one, of_other in arrays)
-
-
-@given(any_trees())
-def test_a_tree_travels_between_processes(tree):
-    there = pickle.loads(pickle.dumps(tree))  # noqa: S301, our own bytes
-    assert there == tree
-    assert hash(there) == hash(tree)
-
-
-def test_both_zeros_are_one_number():
-    positive, negative = (split(0, zero, leaf(0), leaf(1)) for zero in (0.0, -0.0))
-    assert positive == negative == positive.with_parameters([-0.0])
-    assert hash(positive) == hash(negative)
-
-
-def changed(name, index, value, arrays=ARRAYS):
-    return {**arrays, name: [*arrays[name][:index], value, *arrays[name][index + 1 :]]}
-
-
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ({**ARRAYS, "action": [0, 1]}, "each of the 3 leaves must hold one action"),
-        ({**ARRAYS, "value": np.zeros((2, 0))}, "value must have length 3 in a tree of 2 splits, 3 leaves"),
-        ({**ARRAYS, "children_left": [1]}, "children_left must have length 2"),
-        ({**ARRAYS, "threshold": [[0.5], [1.0]]}, "threshold must be an array of 1 dimensions"),
-        ({**ARRAYS, "action": [[0], [0, 1]]}, "action must be one array of numbers"),
-        ({**ARRAYS, "action": [[0, 1, 1]]}, "action must be one row of integers"),
-        (changed("feature", 0, 0.5), "feature must hold 32-bit integers, not float64"),
-        (changed("action", 2, 2**40), "action must hold 32-bit integers"),
-        (changed("action", 2, 2**80), "action must hold 32-bit integers"),
-        ({**ARRAYS, "action": [False] * 3}, "action must hold 32-bit integers, not bool"),
-        ({**ARRAYS, "threshold": ["a"] * 2}, "threshold must hold real numbers"),
-        (changed("action", 2, -1), r"action\[2\] must be at least 0, not -1"),
-        (changed("feature", 1, -1), r"feature\[1\] must be at least 0, not -1"),
-        (changed("threshold", 1, np.nan), r"threshold\[1\] must be a finite float32, not nan"),
-        (changed("threshold", 1, -np.inf), r"threshold\[1\] must be a finite float32, not -inf"),
-        (changed("threshold", 1, 1e300), r"threshold\[1\] must be a finite float32, not 1e\+300"),
-        (changed("weight", 0, np.inf), r"weight\[0\] must be a finite float32, not inf"),
-        (changed("children_left", 0, 2), "must be one of the splits 1 to 1 .* it is 2"),
-        (changed("children_left", 0, 0), "must be one of the splits 1 to 1 .* it is 0"),
-        (changed("children_left", 0, ~3), "or a leaf, ~0 to ~2; it is -4"),
-        (changed("children_left", 0, ~2), "split 1 must have exactly one parent, not 0"),
-        (changed("children_right", 0, 1), "split 1 must have exactly one parent, not 2"),
-        (changed("children_right", 1, ~0), "leaf 0 must have exactly one parent, not 2"),
-        ({**ARRAYS, "term_start": [0, 2, 2]}, "term_start must begin at 0, leave at least 1"),
-        ({**ARRAYS, "term_start": [1, 1, 2]}, "term_start must begin at 0"),
-        ({**ARRAYS, "term_start": [0, 1, 3]}, "and end at 2, the number of terms"),
-        (
-            {**ARRAYS, "leaf_feature": [0], "leaf_weight": [[]], "leaf_term_start": [0, 1, 1, 1]},
-            "hold one action, or",
-        ),
-        ({**VALUES, "action": [0, 1, 2]}, "hold one action, or values"),
-        (
-            {**VALUES, "leaf_weight": [[1.0, 2.0]] * 2},
-            "leaf_weight must have one column for each of the 1 values",
-        ),
-        ({**VALUES, "leaf_term_start": [0, 2, 1, 2]}, "leaf_term_start must begin at 0"),
-        (changed("leaf_feature", 1, -1, VALUES), r"leaf_feature\[1\] must be at least 0"),
-        (changed("value", 1, [np.nan], VALUES), r"value\[1\] must be a finite float32, not \[nan\]"),
-    ],
-)
-def test_what_is_not_a_tree_is_refused(arrays, message):
-    with pytest.raises(InvalidTreeError, match=message):
-        DecisionTree(**arrays)
-
-
-def test_a_cycle_beside_the_root_is_refused():
-    with pytest.raises(InvalidTreeError, match="2 splits form a cycle that the root does not reach"):
-        DecisionTree.axis_aligned([0] * 3, [0.0] * 3, [~0, 2, 1], [~1, ~2, ~3], [0, 1, 2, 3])
-
-
-def test_halves_of_two_kinds_and_splits_of_nothing_are_refused():
-    with pytest.raises(InvalidTreeError, match="they hold 0 and 1 values a leaf"):
-        split(0, 0.5, leaf(0), DecisionTree.value_leaf([1.0]))
-    for feature, weight in (([], []), ([0], [1.0, 2.0]), ([-1], [1.0])):
-        with pytest.raises(InvalidTreeError, match="a split needs at least one feature"):
-            DecisionTree.weighted_split(feature, weight, 0.5, leaf(0), leaf(1))

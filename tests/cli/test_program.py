@@ -1,0 +1,114 @@
+"""The program in a process of its own, as a user starts and stops it."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from pages_for_tests import ROOT
+
+
+@pytest.mark.parametrize("arguments", [["env=foo"], ["-m", "ge.population_size=1,2"]])
+def test_program_started_by_a_user_reports_a_mistake(tmp_path, arguments):
+    command = [sys.executable, "-m", "ge_torchrl", *arguments]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_command_line_loads_no_torch():
+    code = "import sys, ge_torchrl.__main__; sys.exit('torch' in sys.modules or 'numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=60).returncode == 0
+
+
+IMPORTS = """
+import sys
+sys.modules["matplotlib"] = None  # As where the extra for figures is not installed.
+from ge_torchrl.cli.output import prepare_output
+prepare_output()
+import cma, gymnasium, numba, tensordict, torch, torchrl, torchrl.collectors, torchrl.envs, torchrl.objectives
+"""
+
+
+def test_no_package_that_a_run_imports_prints_a_warning():
+    done = subprocess.run([sys.executable, "-c", IMPORTS], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+PRINTS = """
+import sys, types
+room = types.ModuleType("ge_torchrl.run.experiment")
+def run(config, output_dir, console):
+    console.print("├─ yes: 1 ± 2 ☃")
+    for line in range(1000 if "many" in sys.argv else 1):
+        console.print(line)
+        print(line)
+    return types.SimpleNamespace(stopped_by="generations")
+room.run, room.plan = run, lambda config: None
+sys.modules["ge_torchrl.run.experiment"] = sys.modules["ge_torchrl.run.plan"] = room
+from ge_torchrl.__main__ import main
+sys.exit(main(["seed=1"]))
+"""
+
+
+def test_output_to_an_ascii_terminal_never_raises(tmp_path):
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(
+        [sys.executable, "-c", PRINTS], cwd=tmp_path, capture_output=True, check=False, env=environment
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.decode("ascii") == "|- yes: 1 +- 2 ?\n0\n0\n"
+
+
+def test_output_that_nobody_reads_any_more_ends_the_program_quietly(tmp_path):
+    command = [sys.executable, "-c", PRINTS, "many"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
+        program.stdout.close()
+        errors = program.stderr.read()
+    assert (program.returncode, errors) == (141, b"")
+
+
+@pytest.mark.parametrize("package", ["hydra", "yaml", "gymnasium"])
+def test_ctrl_c_while_packages_are_imported_is_quiet(tmp_path, package):
+    (tmp_path / f"{package}.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "ge_torchrl"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+        capture_output=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
+def test_information_that_nobody_reads_ends_quietly(tmp_path):
+    command = [sys.executable, "-m", "ge_torchrl", "--help"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
+        program.stdout.close()
+        errors = program.stderr.read()
+    assert (program.returncode, errors) == (141, b"")
+
+
+def test_jobs_run_side_by_side_with_one_thread_each(tmp_path):
+    """The real program: the launcher pickles the job and runs it in processes of its own."""
+    few = ["evaluation.validation_episodes=2", "evaluation.test_episodes=2"]
+    small = ["ge.population_size=8", "ge.generations=2", *few]
+    arguments = ["-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "refiner=none", "seed=0,1", *small]
+    finished = subprocess.run(
+        [sys.executable, "-m", "ge_torchrl", *arguments, "hydra.sweep.dir=sweep"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert finished.returncode == 0, finished.stderr
+    folders = sorted(path.parent for path in tmp_path.glob("sweep/*/summary.json"))
+    assert len(folders) == 2
+    assert all("threads: 1" in (folder / "config.yaml").read_text() for folder in folders)
+    failing = subprocess.run(
+        [sys.executable, "-m", "ge_torchrl", *arguments, "ge.genotype_length=2", "hydra.sweep.dir=failing"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert failing.returncode == 2
+    assert "no genotype of 2 codons gave a tree" in failing.stderr
