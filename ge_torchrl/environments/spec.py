@@ -26,7 +26,7 @@ GymEnvironment = gym.Env[Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class EnvironmentSpec:
-    """An environment with a flat Box observation and Discrete actions.
+    """An environment with a flat Box observation, and Discrete actions or a flat Box of them.
 
     Attributes:
         id: What `gym.make` takes: a Gymnasium id, with a `module:` in front where a module registers it.
@@ -57,8 +57,23 @@ class EnvironmentSpec:
 
     @property
     def n_actions(self) -> int:
-        """Number of actions, A."""
+        """Number of actions, or of entries of a continuous action, A."""
         return len(self.names.actions)
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether an action is A numbers, and not one of A choices."""
+        return bool(self.names.action_bounds)
+
+    @property
+    def action_low(self) -> NDArray[np.float32]:
+        """[A] lower bounds of a continuous action, possibly infinite; [0] where actions are choices."""
+        return np.array([low for low, _ in self.names.action_bounds], np.float32)
+
+    @property
+    def action_high(self) -> NDArray[np.float32]:
+        """[A] upper bounds, likewise."""
+        return np.array([high for _, high in self.names.action_bounds], np.float32)
 
     def is_solved(self, mean_return: float) -> bool:
         """Tell whether a mean return reaches the threshold; False where there is none."""
@@ -105,15 +120,15 @@ def describe(
         environment_id: What `gym.make` takes.
         features: [D] names; none means `x0, x1, ...`.
         units: [D] units; none means no units.
-        actions: [A] names; none means `a0, a1, ...`.
+        actions: [A] names of the actions, or of the entries of a continuous one; none means `a0, a1, ...`.
         solved_at: Mean return from which the task is solved; None takes the environment's registered threshold.
         max_episode_steps: Episode limit; None takes the environment's own.
         kwargs: What else `gym.make` is given.
         wrappers: Wrappers to put around it, innermost first, each written `module:Class`.
 
     Raises:
-        EnvironmentFaultError: The environment is unknown, its spaces are not a flat Box and a Discrete, or the
-            names do not fit them.
+        EnvironmentFaultError: The environment is unknown, its observations are no flat Box, its actions are neither
+            Discrete nor a flat Box of floats, or the names do not fit them.
     """
     given = dict(kwargs or {})
     environment = _make(environment_id, max_episode_steps, given, wrappers, None)
@@ -128,20 +143,15 @@ def describe(
             f"env.id={environment_id} must observe a flat Box, since a split compares one number; got "
             f"{_one_line(observation_space)} (gymnasium.wrappers.FlattenObservation makes one)"
         )
-    if not isinstance(action_space, spaces.Discrete):
-        raise EnvironmentFaultError(
-            f"env.id={environment_id} must have Discrete actions, since a leaf holds one of them; "
-            f"got {_one_line(action_space)}"
-        )
-    n_features, n_actions = observation_space.shape[0], int(action_space.n)
+    action_bounds = _action_bounds(action_space, environment_id)
+    n_features = observation_space.shape[0]
+    n_actions = int(action_space.n) if isinstance(action_space, spaces.Discrete) else len(action_bounds)
     _check_number("features", features, n_features, environment_id)
     _check_number("units", units, n_features, environment_id)
     _check_number("actions", actions, n_actions, environment_id)
     limit = registered.max_episode_steps if registered is not None else None
     threshold = registered.reward_threshold if registered is not None else None
-    # A float64 bound may lie beyond every float32: it is none.
-    with np.errstate(over="ignore"):
-        low, high = observation_space.low.astype(np.float32), observation_space.high.astype(np.float32)
+    low, high = _float32_bounds(observation_space)
     return EnvironmentSpec(
         id=environment_id,
         names=Names(
@@ -152,12 +162,13 @@ def describe(
             kwargs=given,
             wrappers=tuple(wrappers),
             max_episode_steps=max_episode_steps,
+            action_bounds=action_bounds,
         ),
         low=low,
         high=high,
         max_episode_steps=limit or UNBOUNDED_EPISODE_STEPS,
         has_limit=limit is not None,
-        first_action=int(action_space.start),
+        first_action=int(action_space.start) if isinstance(action_space, spaces.Discrete) else 0,
         solved_at=threshold if solved_at is None else solved_at,
     )
 
@@ -191,6 +202,25 @@ def _make(
     except FAULTS as error:
         raise EnvironmentFaultError(f"env.id={environment_id} raised {error!r} while it was made") from error
     return environment
+
+
+def _action_bounds(space: spaces.Space[Any], environment_id: str) -> tuple[tuple[float, float], ...]:
+    """Return the bounds of each entry of a continuous action, none for a choice; refuse what is neither."""
+    if isinstance(space, spaces.Discrete):
+        return ()
+    if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.shape[0] and space.dtype.kind == "f":
+        low, high = _float32_bounds(space)
+        return tuple(zip(low.tolist(), high.tolist(), strict=True))
+    raise EnvironmentFaultError(
+        f"env.id={environment_id} must have Discrete actions, or a flat Box of floats, since a leaf holds one choice "
+        f"or a row of numbers; got {_one_line(space)}"
+    )
+
+
+def _float32_bounds(space: spaces.Box) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    # A float64 bound may lie beyond every float32: it is none.
+    with np.errstate(over="ignore"):
+        return space.low.astype(np.float32), space.high.astype(np.float32)
 
 
 def _check_number(what: str, names: tuple[str, ...], expected: int, environment_id: str) -> None:

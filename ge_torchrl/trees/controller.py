@@ -26,6 +26,8 @@ class Names:
         kwargs: What else the environment is made with: any JSON object. It is copied.
         wrappers: Wrappers around it, innermost first.
         max_episode_steps: Episode limit; None for the environment's own.
+        action_bounds: (low, high) of each entry of a continuous action, infinite where there is none; empty where
+            actions are numbers of choices.
 
     Raises:
         InvalidTreeError: Features and units differ in number, there is no feature or action, the limit is below 1, or
@@ -39,6 +41,7 @@ class Names:
     kwargs: Mapping[str, Any] = field(default_factory=dict, hash=False)
     wrappers: tuple[str, ...] = ()
     max_episode_steps: int | None = None
+    action_bounds: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.features) != len(self.units):

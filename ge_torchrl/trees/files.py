@@ -187,10 +187,10 @@ def _names(value: object) -> Names:
         id=string(environment["id"], "environment.id"),
         kwargs=mapping(environment["kwargs"], "environment.kwargs"),
         max_episode_steps=None if limit is None else integer(limit, "environment.max_episode_steps"),
-        **{
-            key: strings(environment[key], f"environment.{key}")
-            for key in ("features", "units", "actions", "wrappers")
-        },
+        features=strings(environment["features"], "environment.features"),
+        units=strings(environment["units"], "environment.units"),
+        actions=strings(environment["actions"], "environment.actions"),
+        wrappers=strings(environment["wrappers"], "environment.wrappers"),
     )
 
 

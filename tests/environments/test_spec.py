@@ -3,12 +3,13 @@ import numpy as np
 import pytest
 from environments_for_tests import (
     BoolWalkEnv,
-    ContinuousEnv,
     CountdownEnv,
     DoubledReward,
     Float64WalkEnv,
     Int64WalkEnv,
     PicturesEnv,
+    SwitchesEnv,
+    ThrustEnv,
     UInt8WalkEnv,
     register,
 )
@@ -70,7 +71,7 @@ def test_wrong_number_of_names_is_refused_with_the_override():
         describe("CartPole-v1", actions=("x", "y", "z"))
 
 
-@pytest.mark.parametrize(("kind", "expected"), [(PicturesEnv, "flat Box"), (ContinuousEnv, "Discrete")])
+@pytest.mark.parametrize(("kind", "expected"), [(PicturesEnv, "flat Box"), (SwitchesEnv, "Discrete")])
 def test_unsuitable_spaces_are_refused_in_one_line(kind, expected):
     with pytest.raises(EnvironmentFaultError, match=expected) as caught:
         describe(register(kind))
@@ -90,6 +91,32 @@ def test_bounds_are_float32_whatever_the_type_observed(kind, low, high):
     described = describe(register(kind))
     assert described.low.dtype == described.high.dtype == np.float32
     assert (described.low.tolist(), described.high.tolist()) == (low, high)
+
+
+@pytest.mark.parametrize(
+    ("environment_id", "bounds"),
+    [("Pendulum-v1", ((-2.0, 2.0),)), ("MountainCarContinuous-v0", ((-1.0, 1.0),))],
+)
+def test_continuous_actions_are_entries_with_bounds(environment_id, bounds):
+    described = describe(environment_id)
+    assert described.is_continuous
+    assert described.names.action_bounds == bounds
+    assert (described.names.actions, described.n_actions, described.first_action) == (("a0",), 1, 0)
+    assert (described.action_low.dtype, described.action_high.dtype) == (np.float32, np.float32)
+    assert (described.action_low.tolist(), described.action_high.tolist()) == ([bounds[0][0]], [bounds[0][1]])
+
+
+def test_a_bound_of_an_action_beyond_float32_is_none():
+    described = describe(register(ThrustEnv), actions=("main", "side"))
+    assert described.names.actions == ("main", "side")
+    assert described.names.action_bounds == ((0.0, float("inf")), (float("-inf"), 0.5))
+
+
+def test_choices_have_no_bounds():
+    described = describe("CartPole-v1")
+    assert not described.is_continuous
+    assert described.action_low.shape == described.action_high.shape == (0,)
+    assert described.names.action_bounds == ()
 
 
 def test_the_number_of_the_first_action_and_a_missing_limit_are_told():

@@ -120,10 +120,19 @@ class PicturesEnv(CountdownEnv):
     observation_space = gym.spaces.Box(-1, 1, (2, 2), np.float32)
 
 
-class ContinuousEnv(CountdownEnv):
-    """Takes a continuous action, which a leaf cannot hold."""
+class SwitchesEnv(CountdownEnv):
+    """Takes several switches at once, which a leaf cannot hold."""
 
-    action_space = gym.spaces.Box(-1, 1, (1,), np.float32)
+    action_space = gym.spaces.MultiBinary(3)
+
+
+class ThrustEnv(CountdownEnv):
+    """Takes two numbers, pays their sum; one of them has no upper bound, and the other no lower one."""
+
+    action_space = gym.spaces.Box(np.array([0, -1e300]), np.array([np.inf, 0.5]), dtype=np.float64)
+
+    def step(self, action):
+        return super().step(float(np.sum(action)))
 
 
 class DoubledReward(gym.Wrapper):
