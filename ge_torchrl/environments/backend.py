@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, Self, TypeVar
+from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,26 +90,73 @@ class Trajectory:
 
 
 class SoftForest(NamedTuple):
-    """`R` trees whose decisions and leaves are random, padded to `M` splits and `L` leaves.
+    """`R` trees whose decisions and leaves are random, padded to `M` splits of `K` terms and to `L` leaves.
 
-    A split goes left with probability `sigma(alpha (threshold - x))`. With an infinite `alpha` it is the hard split.
-    Both children of a row of padding are `~0`; so a tree without splits stands beside others as leaf 0.
+    A split goes left with probability `sigma(alpha (threshold - sum))`, its sum in float64 in the order of the terms.
+    With an infinite `alpha` it is the hard split. Both children of a row of padding are `~0`; so a tree without splits
+    stands beside others as leaf 0.
+
+    A leaf draws an action by its probabilities, or values from normal distributions around its own values. The arrays
+    of the other kind are empty in all dimensions.
 
     Attributes:
-        feature: [R, M] int32.
+        feature: [R, M, K] int32, of each term; K is 1 where all trees are axis-aligned, and only there.
+        weight: [R, M, K] float64, of each term: 0 for padding, 1 where K is 1.
         threshold: [R, M] float32.
-        alpha: [R, M] float64, steepness of each split by one unit of its feature.
+        alpha: [R, M] float64, steepness of each split by one unit of its sum.
         children_left: [R, M] int32, as in `DecisionTree`: a split, or `~leaf`.
         children_right: [R, M] int32, likewise.
         probabilities: [R, L, A] float64, each leaf's probability of each action.
+        mean: [R, L, A] float64, each leaf's constants.
+        leaf_weight: [R, L, D, A] float64, what one unit of each feature adds to them.
+        sd: [R, L, A] float64, standard deviations around the sums.
     """
 
     feature: NDArray[np.int32]
+    weight: NDArray[np.float64]
     threshold: NDArray[np.float32]
     alpha: NDArray[np.float64]
     children_left: NDArray[np.int32]
     children_right: NDArray[np.int32]
     probabilities: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    leaf_weight: NDArray[np.float64]
+    sd: NDArray[np.float64]
+
+    @classmethod
+    def with_actions(
+        cls,
+        feature: NDArray[np.int32],
+        threshold: NDArray[np.float32],
+        alpha: NDArray[np.float64],
+        children_left: NDArray[np.int32],
+        children_right: NDArray[np.int32],
+        probabilities: NDArray[np.float64],
+    ) -> SoftForest:
+        """Return axis-aligned trees with actions; `feature` is [R, M], the rest as above."""
+        feature = feature[..., np.newaxis]
+        return cls(
+            feature=feature,
+            weight=np.ones(feature.shape),
+            threshold=threshold,
+            alpha=alpha,
+            children_left=children_left,
+            children_right=children_right,
+            probabilities=probabilities,
+            mean=np.zeros((0, 0, 0)),
+            leaf_weight=np.zeros((0, 0, 0, 0)),
+            sd=np.zeros((0, 0, 0)),
+        )
+
+    @property
+    def has_actions(self) -> bool:
+        """Whether leaves draw actions; if not, they draw values."""
+        return self.probabilities.size > 0
+
+    @property
+    def n_leaves(self) -> int:
+        """Number of leaves of the padded trees, L."""
+        return int(max(self.probabilities.shape[1], self.mean.shape[1]))
 
 
 class Samples(NamedTuple):
@@ -117,7 +164,8 @@ class Samples(NamedTuple):
 
     Attributes:
         observations: [R, T, D] float32, what the action was chosen on.
-        actions: [R, T] int64.
+        actions: [R, T] int64; [R, T, A] float32 where an action is values, as they were drawn: the environment was
+            given them clipped.
         rewards: [R, T] float32.
         next_observations: [R, T, D] float32, before any reset.
         terminated: [R, T] bool, the task ended the episode.
@@ -126,7 +174,7 @@ class Samples(NamedTuple):
     """
 
     observations: NDArray[np.float32]
-    actions: NDArray[np.int64]
+    actions: NDArray[Any]
     rewards: NDArray[np.float32]
     next_observations: NDArray[np.float32]
     terminated: NDArray[np.bool_]
@@ -134,12 +182,12 @@ class Samples(NamedTuple):
     episode_returns: NDArray[np.float32]
 
     @classmethod
-    def empty(cls, n_trees: int, n_steps: int, n_features: int) -> Samples:
-        """Return room for `n_steps` steps of each tree."""
+    def empty(cls, n_trees: int, n_steps: int, n_features: int, n_values: int = 0) -> Samples:
+        """Return room for `n_steps` steps of each tree, with actions, or with `n_values` values in place of each."""
         shape = (n_trees, n_steps)
         return cls(
             observations=np.empty((*shape, n_features), np.float32),
-            actions=np.empty(shape, np.int64),
+            actions=np.empty((*shape, n_values), np.float32) if n_values else np.empty(shape, np.int64),
             rewards=np.empty(shape, np.float32),
             next_observations=np.empty((*shape, n_features), np.float32),
             terminated=np.empty(shape, np.bool_),

@@ -67,7 +67,13 @@ def _draw_action(
             # A row of padding stands where a tree has no split: nothing is drawn, as if it were not there.
             node = left
             continue
-        observed = rows[OBSERVATION + soft.feature[tree, node] * LANES + lane]
+        observed = rows[OBSERVATION + soft.feature[tree, node, 0] * LANES + lane]
+        # One term is a feature by itself.
+        if soft.feature.shape[2] > 1:
+            observed *= soft.weight[tree, node, 0]
+            for term in range(1, soft.feature.shape[2]):
+                place = OBSERVATION + soft.feature[tree, node, term] * LANES + lane
+                observed += soft.weight[tree, node, term] * rows[place]
         # Exactly at the threshold of an infinitely steep split the weight is no number, and no draw is below it.
         distance = np.float64(soft.threshold[tree, node]) - observed
         weight = 1.0 / (1.0 + np.exp(-soft.alpha[tree, node] * distance))
@@ -145,7 +151,7 @@ def check_soft_forest(soft: SoftForest, n_trees: int) -> None:
     Raises:
         ValueError: There are more or fewer trees than streams, or a child is no later split and no leaf.
     """
-    n_splits, n_leaves = soft.feature.shape[1], soft.probabilities.shape[1]
+    n_splits, n_leaves = soft.feature.shape[1], soft.n_leaves
     children = np.stack([soft.children_left, soft.children_right])
     if len(soft.feature) != n_trees:
         raise ValueError(f"{n_trees} streams need as many soft trees; got {len(soft.feature)}")

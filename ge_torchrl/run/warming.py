@@ -61,7 +61,7 @@ def _tiny(config: Config) -> Config:
 
 def _softest(n_actions: int) -> SoftForest:
     """Return a lone leaf that takes any action, beside a row of padding."""
-    return SoftForest(
+    return SoftForest.with_actions(
         feature=np.zeros((1, 1), np.int32),
         threshold=np.zeros((1, 1), np.float32),
         alpha=np.ones((1, 1)),

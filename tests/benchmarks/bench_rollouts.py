@@ -107,7 +107,7 @@ def soft_forest(trees, n_actions: int, alpha: float) -> SoftForest:
     actions = padded([tree.action for tree in trees], 0, np.int64, n_splits + 1)
     logits = np.log(n_actions - 1 + 1e-9) + np.eye(n_actions)[actions]
     probabilities = np.exp(logits) / np.exp(logits).sum(2, keepdims=True)
-    return SoftForest(
+    return SoftForest.with_actions(
         padded([tree.feature for tree in trees], 0, np.int32, n_splits),
         padded([tree.threshold for tree in trees], 0, np.float32, n_splits),
         np.full((len(trees), n_splits), alpha),

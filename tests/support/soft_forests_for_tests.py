@@ -17,7 +17,7 @@ def soft_forest(trees, n_actions, alpha, sharpness=1.0):
 
     actions = padded([tree.action for tree in trees], 0, np.int64, n_splits + 1)
     weights = np.exp(sharpness * np.eye(n_actions)[actions])
-    return SoftForest(
+    return SoftForest.with_actions(
         padded([tree.feature for tree in trees], 0, np.int32),
         padded([tree.threshold for tree in trees], 0, np.float32),
         np.full((len(trees), n_splits), float(alpha)),
@@ -39,9 +39,8 @@ def mixtures(soft, tree, observations, node=None):
         node = 0 if soft.feature.shape[1] > 0 else ~0
     if node < 0:
         return np.tile(soft.probabilities[tree, ~node], (len(observations), 1))
-    distance = np.float64(soft.threshold[tree, node]) - observations[:, soft.feature[tree, node]].astype(
-        float
-    )
+    terms = soft.weight[tree, node] * observations[:, soft.feature[tree, node]].astype(float)
+    distance = np.float64(soft.threshold[tree, node]) - terms.sum(1)
     weight = 1 / (1 + np.exp(-np.clip(soft.alpha[tree, node] * distance, -700, 700)))[:, None]
     left = mixtures(soft, tree, observations, soft.children_left[tree, node])
     right = mixtures(soft, tree, observations, soft.children_right[tree, node])

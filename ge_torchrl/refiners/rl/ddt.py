@@ -155,7 +155,7 @@ class DDT(nn.Module):
     def soft_forest(self) -> SoftForest:
         """Return the trees as they stand, for the compiled sampler."""
         alpha = self.alpha / self.scale.double()
-        return SoftForest(
+        return SoftForest.with_actions(
             feature=self.feature.int().numpy(),
             threshold=self.thresholds().float().numpy(),
             alpha=(torch.full_like(alpha, torch.inf) if self.straight_through else alpha).numpy(),
