@@ -10,10 +10,10 @@ import math
 from typing import Any
 
 import numpy as np
-from gymnasium import wrappers
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, GymEnvironment, make_gymnasium
+from ge_torchrl.environments.lean import lean
+from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
 
 _logger = logging.getLogger(__name__)
@@ -23,8 +23,6 @@ _LARGEST = float(np.finfo(np.float32).max)
 # Floats, integers, unsigned ones, Booleans.
 _KINDS_OF_NUMBERS = "fiub"
 _SCALARS = (int, np.float64, np.float32)
-# They look on, or keep the order of calls, which the border keeps itself: a tenth of a CartPole step.
-_ONLOOKERS = (wrappers.OrderEnforcing, wrappers.PassiveEnvChecker)
 
 
 class Witness:
@@ -93,7 +91,7 @@ class Witness:
 
 
 class Border:
-    """One environment, made by the description, stepped without the wrappers that change nothing.
+    """One environment, made by the description, stepped the lean way.
 
     Args:
         spec: The environment.
@@ -108,8 +106,7 @@ class Border:
         self._spec = spec
         self.watched_by(witness)
         self._environment = make_gymnasium(spec)
-        lean, self._limit = _lean(self._environment, spec.max_episode_steps)
-        self._lean_step, self._lean_reset = lean.step, lean.reset
+        self._lean_step, self._lean_reset, self._limit = lean(self._environment, spec.max_episode_steps)
         self._first_action = spec.first_action
         self._shape = (spec.n_features,)
         self._seed = 0
@@ -212,18 +209,6 @@ class Border:
         if self._action is not None:
             where += f", action {self._action} ({self._spec.names.actions[self._action]})"
         return EnvironmentFaultError(f"env.id={self._spec.id} {what}; {where}")
-
-
-def _lean(environment: GymEnvironment, limit: int) -> tuple[GymEnvironment, int]:
-    """Take off the outer wrappers that change nothing, and `TimeLimit`, whose limit is returned."""
-    inner: Any = environment
-    while type(inner) in (*_ONLOOKERS, wrappers.TimeLimit):
-        if type(inner) is wrappers.TimeLimit:
-            if inner.spec is None or inner.spec.max_episode_steps is None:
-                break
-            limit = min(limit, inner.spec.max_episode_steps)
-        inner = inner.env
-    return inner, limit
 
 
 def _short(value: Any) -> str:
