@@ -108,7 +108,7 @@ class GymnasiumBackend(Accountable):
         self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
     ) -> Outcomes:
         """Run every tree on the episodes of `seeds`; see `Backend`."""
-        n_leaves = len(forest.arrays.action)
+        n_leaves = int(forest.arrays.leaf_start[-1])
         outcomes = Outcomes.empty(len(forest), len(seeds), n_leaves if visits else None)
         trees = np.flatnonzero(forest.valid)
         jobs = Jobs(np.repeat(trees, len(seeds)), np.tile(seeds, len(trees)))
@@ -136,7 +136,7 @@ class GymnasiumBackend(Accountable):
             chunks.append(trees)
             arguments.append((forest.take(trees), Jobs(tree, jobs.seed[first:end])))
         parts = self._together(workers, _play, arguments, watch)
-        leaf_visits = np.zeros(len(forest.arrays.action), np.int64)
+        leaf_visits = np.zeros(int(forest.arrays.leaf_start[-1]), np.int64)
         for trees, part in zip(chunks, parts, strict=True):
             start = forest.arrays.leaf_start
             leaves = np.concatenate([np.arange(start[p], start[p + 1]) for p in trees])

@@ -124,7 +124,7 @@ class Runner:
         """Play all jobs."""
         arrays = forest.arrays
         played = Played(
-            np.zeros(len(jobs)), np.zeros(len(jobs), np.int64), np.zeros(len(arrays.action), np.int64)
+            np.zeros(len(jobs)), np.zeros(len(jobs), np.int64), np.zeros(int(arrays.leaf_start[-1]), np.int64)
         )
         edges = [*np.flatnonzero(np.diff(jobs.tree, prepend=-1)).tolist(), len(jobs)]
         for first, end in itertools.pairwise(edges):

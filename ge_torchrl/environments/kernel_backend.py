@@ -100,7 +100,9 @@ class KernelBackend(Accountable):
         """Run every tree on the episodes of `seeds`; see `Backend`."""
         if len(seeds) <= _EPISODES_PER_BLOCK:
             return self._evaluate(forest, seeds, purpose, visits=visits)
-        outcomes = Outcomes.empty(len(forest), len(seeds), len(forest.arrays.action) if visits else None)
+        outcomes = Outcomes.empty(
+            len(forest), len(seeds), int(forest.arrays.leaf_start[-1]) if visits else None
+        )
         for first in range(0, len(seeds), _EPISODES_PER_BLOCK):
             block = slice(first, first + _EPISODES_PER_BLOCK)
             part = self._evaluate(forest, seeds[block], purpose, visits=visits)
@@ -111,7 +113,7 @@ class KernelBackend(Accountable):
 
     def _evaluate(self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool) -> Outcomes:
         self.ledger.check()
-        n_leaves = len(forest.arrays.action)
+        n_leaves = int(forest.arrays.leaf_start[-1])
         outcomes = Outcomes.empty(len(forest), len(seeds), n_leaves if visits else None)
         starts = self._dynamics.starts(np.ascontiguousarray(seeds, np.int64))
 

@@ -34,19 +34,24 @@ class ForestArrays(NamedTuple):
     """The arrays of `P` trees end to end, in the form that compiled functions take.
 
     Tree `p` owns the splits `split_start[p]` to `split_start[p + 1]` and the leaves `leaf_start[p]` to
-    `leaf_start[p + 1]`, numbered as in `DecisionTree`; children count from their own tree. All arrays are contiguous
-    and writeable, since another memory layout would be another compilation of every kernel.
+    `leaf_start[p + 1]`, numbered as in `DecisionTree`; children count from their own tree. The leaves of all trees hold
+    actions, or those of all hold equally many values. All arrays are contiguous and writeable, since another memory
+    layout would be another compilation of every kernel.
 
     Attributes:
         split_start: [P + 1] int64.
-        leaf_start: [P + 1] int64; an individual without a tree owns no leaf.
+        leaf_start: [P + 1] int64; an individual without a tree owns no leaf. The last entry is L.
         term_start: [M + 1] int64, where the terms of each split begin among those of all trees.
         feature: [K] int32. Where all trees are axis-aligned, `feature[m]` belongs to split `m`.
         weight: [K] float32.
         threshold: [M] float32.
         children_left: [M] int32, of its own tree: at or above 0 a split, below 0 the leaf `~child`.
         children_right: [M] int32.
-        action: [L] int32.
+        action: [L] int32; [0] where leaves hold values.
+        value: [L, A] float32; [L, 0] where leaves hold actions.
+        leaf_term_start: [L + 1] int64, where the linear terms of each leaf begin among those of all trees.
+        leaf_feature: [Q] int32.
+        leaf_weight: [Q, A] float32.
     """
 
     split_start: NDArray[np.int64]
@@ -58,6 +63,32 @@ class ForestArrays(NamedTuple):
     children_left: IntArray
     children_right: IntArray
     action: IntArray
+    value: FloatArray
+    leaf_term_start: NDArray[np.int64]
+    leaf_feature: IntArray
+    leaf_weight: FloatArray
+
+
+class LeafArrays(NamedTuple):
+    """The arrays of `ForestArrays` that say what leaves answer."""
+
+    action: IntArray
+    value: FloatArray
+    leaf_term_start: NDArray[np.int64]
+    leaf_feature: IntArray
+    leaf_weight: FloatArray
+
+    @classmethod
+    def of_actions(cls, action: IntArray) -> LeafArrays:
+        """Return leaves that hold actions, [L] int32."""
+        n_leaves = len(action)
+        return cls(
+            action=action,
+            value=np.zeros((n_leaves, 0), np.float32),
+            leaf_term_start=np.zeros(n_leaves + 1, np.int64),
+            leaf_feature=np.zeros(0, np.int32),
+            leaf_weight=np.zeros((0, 0), np.float32),
+        )
 
 
 def depth_first(children_left: IntArray, children_right: IntArray, root: int) -> tuple[list[int], list[int]]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.compilation import compiled
+from ge_torchrl.compilation import compiled, inlined
 from ge_torchrl.trees.arrays import FloatArray, ForestArrays, IntArray, TreeArrays, is_axis_aligned
 
 
@@ -97,13 +97,33 @@ def decide_weighted(
 ) -> None:
     """Write the action of each observation, every one decided by its own tree of a forest: sums in term order."""
     for b in range(len(tree_index)):
-        p = tree_index[b]
-        first, leaf = forest.split_start[p], forest.leaf_start[p]
-        node = 0 if forest.split_start[p + 1] > first else -1
-        while node >= 0:
-            m = first + node
-            total = 0.0
-            for k in range(forest.term_start[m], forest.term_start[m + 1]):
-                total += np.float64(forest.weight[k]) * np.float64(observations[b, forest.feature[k]])
-            node = forest.children_left[m] if total < forest.threshold[m] else forest.children_right[m]
-        actions[b] = forest.action[leaf + ~node]
+        actions[b] = forest.action[_leaf_by_sums(forest, tree_index[b], observations, b)]
+
+
+@compiled
+def answer_values(
+    forest: ForestArrays, tree_index: NDArray[np.int64], observations: FloatArray, values: FloatArray
+) -> None:
+    """Write the values for each observation, [B, A], every one decided by its own tree: sums in term order."""
+    for b in range(len(tree_index)):
+        leaf = _leaf_by_sums(forest, tree_index[b], observations, b)
+        for column in range(values.shape[1]):
+            total = np.float64(forest.value[leaf, column])
+            for q in range(forest.leaf_term_start[leaf], forest.leaf_term_start[leaf + 1]):
+                observed = np.float64(observations[b, forest.leaf_feature[q]])
+                total += np.float64(forest.leaf_weight[q, column]) * observed
+            values[b, column] = np.float32(total)
+
+
+@inlined
+def _leaf_by_sums(forest: ForestArrays, p: int, observations: FloatArray, b: int) -> int:
+    """Return the row among all leaves where tree `p` ends with observation `b`."""
+    first = forest.split_start[p]
+    node = 0 if forest.split_start[p + 1] > first else -1
+    while node >= 0:
+        m = first + node
+        total = 0.0
+        for k in range(forest.term_start[m], forest.term_start[m + 1]):
+            total += np.float64(forest.weight[k]) * np.float64(observations[b, forest.feature[k]])
+        node = forest.children_left[m] if total < forest.threshold[m] else forest.children_right[m]
+    return int(forest.leaf_start[p] + ~node)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.errors import InvalidTreeError
-from ge_torchrl.trees.arrays import FloatArray, ForestArrays
+from ge_torchrl.trees.arrays import FloatArray, ForestArrays, LeafArrays
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.rows import starts
 from ge_torchrl.trees.tree import DecisionTree
@@ -110,15 +110,15 @@ def forest_of(drawn: Sequence[Nodes]) -> Forest:
         n_leaves.append(len(actions) - first_leaf)
     return Forest(
         ForestArrays(
-            split_start=starts(n_splits),
-            leaf_start=starts(n_leaves),
-            term_start=starts([len(split.feature) for split in splits]),
-            feature=np.array([feature for split in splits for feature in split.feature], np.int32),
-            weight=np.array([weight for split in splits for weight in split.weight], np.float32),
-            threshold=np.array([split.threshold for split in splits], np.float32),
-            children_left=np.array(children[0], np.int32),
-            children_right=np.array(children[1], np.int32),
-            action=np.array(actions, np.int32),
+            starts(n_splits),
+            starts(n_leaves),
+            starts([len(split.feature) for split in splits]),
+            np.array([feature for split in splits for feature in split.feature], np.int32),
+            np.array([weight for split in splits for weight in split.weight], np.float32),
+            np.array([split.threshold for split in splits], np.float32),
+            np.array(children[0], np.int32),
+            np.array(children[1], np.int32),
+            *LeafArrays.of_actions(np.array(actions, np.int32)),
         )
     )
 

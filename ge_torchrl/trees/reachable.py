@@ -37,7 +37,7 @@ class _Path(NamedTuple):
 
 @compiled
 def keep_what_is_reached(trees: ForestArrays, box: Box) -> ForestArrays:
-    """Walk every tree once, depth first, and write the splits and leaves that matter."""
+    """Walk every tree once, depth first, and write the splits and leaves that matter; leaves hold actions."""
     # Splits, leaves and terms that were written.
     out, ends = _empty_like(trees), np.zeros(3, np.int64)
     path = _empty_path(len(trees.threshold) + 1)
@@ -148,6 +148,10 @@ def _empty_like(trees: ForestArrays) -> ForestArrays:
         np.empty_like(trees.children_left),
         np.empty_like(trees.children_right),
         np.empty_like(trees.action),
+        trees.value,
+        trees.leaf_term_start,
+        trees.leaf_feature,
+        trees.leaf_weight,
     )
 
 
@@ -164,6 +168,10 @@ def _cut(trees: ForestArrays, ends: NDArray[np.int64]) -> ForestArrays:
         trees.children_left[: ends[0]].copy(),
         trees.children_right[: ends[0]].copy(),
         trees.action[: ends[1]].copy(),
+        trees.value[: ends[1]].copy(),
+        trees.leaf_term_start[: ends[1] + 1].copy(),
+        trees.leaf_feature.copy(),
+        trees.leaf_weight.copy(),
     )
 
 

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ge_torchrl.errors import InvalidTreeError
-from ge_torchrl.trees.arrays import IntArray, depth_first, selected
+from ge_torchrl.trees.arrays import ForestArrays, IntArray, LeafArrays, TreeArrays, depth_first, selected
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.reachable import Box, keep_what_is_reached
+from ge_torchrl.trees.stacking import leaves_taken
 from ge_torchrl.trees.tree import DecisionTree
 
 
@@ -34,7 +35,7 @@ def prune(tree: DecisionTree, leaf_visits: ArrayLike) -> DecisionTree:
             "every episode ends in some leaf, but no leaf was visited: nothing was validated"
         )
     visited, split_visited = (counts > 0).tolist(), (tree.split_visits(counts > 0) > 0).tolist()
-    kinds = _leaf_kinds(tree).tolist()
+    kinds = _kinds_of_leaves(tree.arrays).tolist()
     left, right = tree.children_left.tolist(), tree.children_right.tolist()
     stands_for: dict[int, int] = {}
     # From the last split to the first, children come before their parents.
@@ -60,38 +61,7 @@ def prune(tree: DecisionTree, leaf_visits: ArrayLike) -> DecisionTree:
 
 def simplify_tree(tree: DecisionTree, low: ArrayLike, high: ArrayLike) -> DecisionTree:
     """Return one tree without what no observation within the bounds can reach; see `simplify`."""
-    if tree.has_actions:
-        return simplify(Forest.stack([tree]), low, high).tree(0)
-    # Leaves with values stand as actions meanwhile: one number for equal leaves.
-    kinds = _leaf_kinds(tree)
-    shape = tree.arrays._replace(action=kinds, value=np.zeros((len(kinds), 0), np.float32))
-    simplified = simplify(Forest.stack([DecisionTree.unchecked(shape)]), low, high).tree(0)
-    first_of_kind = {int(kind): leaf for leaf, kind in reversed(list(enumerate(kinds)))}
-    leaves = [first_of_kind[int(kind)] for kind in simplified.action]
-    with_leaves = selected(tree.arrays, [], leaves)
-    return DecisionTree.unchecked(
-        simplified.arrays._replace(
-            action=with_leaves.action,
-            value=with_leaves.value,
-            leaf_term_start=with_leaves.leaf_term_start,
-            leaf_feature=with_leaves.leaf_feature,
-            leaf_weight=with_leaves.leaf_weight,
-        )
-    )
-
-
-def _leaf_kinds(tree: DecisionTree) -> IntArray:
-    """Return a number for each leaf, [L], equal for leaves that answer by the same action or the same numbers."""
-    if tree.has_actions:
-        return tree.action
-    start = tree.leaf_term_start
-    known: dict[bytes, int] = {}
-    kinds = []
-    for leaf in range(tree.num_leaves):
-        terms = slice(start[leaf], start[leaf + 1])
-        numbers = (tree.value[leaf], tree.leaf_feature[terms], tree.leaf_weight[terms])
-        kinds.append(known.setdefault(b"".join(part.tobytes() for part in numbers), len(known)))
-    return np.array(kinds, np.int32)
+    return simplify(Forest.stack([tree]), low, high).tree(0)
 
 
 def simplify(forest: Forest, low: ArrayLike, high: ArrayLike) -> Forest:
@@ -124,4 +94,27 @@ def simplify(forest: Forest, low: ArrayLike, high: ArrayLike) -> Forest:
     # every threshold is finite.
     with np.errstate(over="ignore"):
         ceiling = np.nextafter(greatest, np.float32(np.inf))
-    return Forest(keep_what_is_reached(forest.arrays, Box(least, ceiling, greatest)))
+    box = Box(least, ceiling, greatest)
+    if forest.has_actions:
+        return Forest(keep_what_is_reached(forest.arrays, box))
+    # Leaves with values stand as actions meanwhile: one number for equal leaves.
+    as_actions = LeafArrays.of_actions(_kinds_of_leaves(forest.arrays))
+    kept = keep_what_is_reached(forest.arrays._replace(**as_actions._asdict()), box)
+    return Forest(kept._replace(**leaves_taken(forest.arrays, kept.action.astype(np.int64))._asdict()))
+
+
+def _kinds_of_leaves(arrays: TreeArrays | ForestArrays) -> IntArray:
+    """Return the first leaf that answers as each leaf does, [L]: by the same action or by the same numbers."""
+    start = arrays.leaf_term_start.tolist()
+    first: dict[int | bytes, int] = {}
+    answers: list[int | bytes]
+    if arrays.value.shape[1] == 0:
+        answers = arrays.action.tolist()
+    else:
+        answers = [
+            arrays.value[leaf].tobytes()
+            + arrays.leaf_feature[start[leaf] : start[leaf + 1]].tobytes()
+            + arrays.leaf_weight[start[leaf] : start[leaf + 1]].tobytes()
+            for leaf in range(len(arrays.value))
+        ]
+    return np.array([first.setdefault(answer, leaf) for leaf, answer in enumerate(answers)], np.int32)

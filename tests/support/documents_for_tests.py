@@ -1,5 +1,7 @@
 """A controller and its text, in the present format and in the one before it."""
 
+from dataclasses import replace
+
 from ge_torchrl.trees.controller import Controller, Names
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -82,6 +84,14 @@ WIDE = Controller(
     ),
 )
 """A controller with everything that the type has."""
+
+
+def names_for(tree: DecisionTree) -> Names:
+    """Return names that a tree on 4 features fits: of 3 actions, or of as many values as its leaves hold."""
+    actions = ("force", "torque", "brake")
+    return replace(WIDE.names, actions=actions if tree.has_actions else actions[: tree.value.shape[1]])
+
+
 WIDE_TEXT = """\
 {
   "format": "ge_torchrl.tree/2",

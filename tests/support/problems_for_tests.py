@@ -111,7 +111,7 @@ class Analytic(FakeBackend):
         rows = np.flatnonzero(forest.valid)
         measured = super().evaluate(forest.take(rows), seeds, purpose)
         outcomes.returns[rows], outcomes.lengths[rows] = measured.returns, measured.lengths
-        counts = np.full(len(forest.arrays.action), len(seeds)) if visits else None
+        counts = np.full(int(forest.arrays.leaf_start[-1]), len(seeds)) if visits else None
         return Outcomes(outcomes.returns, outcomes.lengths, counts)
 
 

@@ -63,7 +63,13 @@ def value_trees(
 
 def any_trees(n_features: int = 4) -> st.SearchStrategy[DecisionTree]:
     """Trees of every kind."""
-    return trees(n_features) | weighted_trees(n_features) | value_trees(n_features)
+    return trees_of_one_kind(n_features).flatmap(lambda of_kind: of_kind)
+
+
+def trees_of_one_kind(n_features: int = 4) -> st.SearchStrategy[st.SearchStrategy[DecisionTree]]:
+    """Strategies, each of trees that one forest may hold: all with actions, or all with 1, 2 or 3 values."""
+    kinds = [trees(n_features), weighted_trees(n_features)]
+    return st.sampled_from([*kinds, *(value_trees(n_features, n_values) for n_values in (1, 2, 3))])
 
 
 def _weighted_above(

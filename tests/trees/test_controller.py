@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from documents_for_tests import CONTROLLER, NAMES, WIDE
+from documents_for_tests import CONTROLLER, NAMES, WIDE, names_for
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import any_trees, observations
@@ -18,8 +18,7 @@ leaf, split = DecisionTree.leaf, DecisionTree.split
 
 @given(st.data(), any_trees())
 def test_a_controller_answers_as_its_tree(data, tree):
-    names = replace(WIDE.names, actions=("a", "b", "c")) if tree.has_actions else WIDE.names
-    controller = Controller(tree, names)
+    controller = Controller(tree, names_for(tree))
     for row in data.draw(observations(tree)):
         assert np.array_equal(controller(row), tree.decide(row[np.newaxis])[0], equal_nan=True)
 

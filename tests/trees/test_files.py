@@ -1,12 +1,11 @@
 import contextlib
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from documents_for_tests import CONTROLLER, NAMES, TEXT, WIDE, WIDE_TEXT, places, replaced
+from documents_for_tests import CONTROLLER, NAMES, TEXT, WIDE, WIDE_TEXT, names_for, places, replaced
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import any_trees
@@ -46,8 +45,7 @@ def test_no_provenance_is_an_empty_object():
 
 @given(any_trees(), st.dictionaries(st.text(), finite_json_values, max_size=3))
 def test_every_controller_comes_back(tree, provenance):
-    names = replace(WIDE.names, actions=("a", "b", "c")) if tree.has_actions else WIDE.names
-    controller = Controller(tree, names, provenance)
+    controller = Controller(tree, names_for(tree), provenance)
     text = to_json(controller)
     assert from_json(text) == controller
     assert to_json(from_json(text)) == text

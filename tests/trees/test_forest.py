@@ -3,7 +3,7 @@ import pytest
 from forests_for_tests import NO_TREE
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import float32s, observations, trees, weighted_trees
+from strategies import any_trees, float32s, observations, trees_of_one_kind
 
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.forest import Forest
@@ -13,9 +13,10 @@ leaf, split = DecisionTree.leaf, DecisionTree.split
 
 
 @st.composite
-def forests(draw):
+def forests(draw, kind=None):
     """A forest, and its trees: None where an individual has none."""
-    individuals = draw(st.lists(st.none() | weighted_trees(), max_size=6))
+    of_kind = draw(trees_of_one_kind()) if kind is None else kind
+    individuals = draw(st.lists(st.none() | of_kind, max_size=6))
     parts = [NO_TREE if tree is None else Forest.stack([tree]) for tree in individuals]
     return Forest.concatenate(parts), individuals
 
@@ -30,17 +31,20 @@ def same(forest, individuals):
             assert forest.num_decision_nodes[index] == tree.num_decision_nodes
         else:
             assert forest.structure(index) == b""
-    for array, kind in zip(forest.arrays, Forest.stack([]).arrays, strict=True):
-        assert array.dtype == kind.dtype
+    for array, empty in zip(forest.arrays, Forest.stack([]).arrays, strict=True):
+        assert (array.dtype, array.ndim) == (empty.dtype, empty.ndim)
         assert array.flags.c_contiguous
         assert array.flags.writeable
     present = [tree for tree in individuals if tree is not None]
     assert forest.is_axis_aligned == all(tree.is_axis_aligned for tree in present)
-    for array, expected in zip(forest.arrays[2:], Forest.stack(present).arrays[2:], strict=True):
-        assert np.array_equal(array, expected)
+    if present:
+        assert (forest.has_actions, forest.n_values) == (present[0].has_actions, present[0].value.shape[1])
+        for array, expected in zip(forest.arrays[2:], Forest.stack(present).arrays[2:], strict=True):
+            assert np.array_equal(array, expected)
+            assert array.shape == expected.shape
 
 
-@given(st.lists(weighted_trees(), max_size=5))
+@given(trees_of_one_kind().flatmap(lambda kind: st.lists(kind, max_size=5)))
 def test_every_stacked_tree_comes_back(trees):
     forest = Forest.stack(trees)
     same(forest, trees)
@@ -55,7 +59,7 @@ def test_individuals_are_taken_in_any_order(data, forest_and_trees):
     same(forest.take(index), [individuals[place] for place in index])
 
 
-@given(st.lists(forests(), max_size=3))
+@given(trees_of_one_kind().flatmap(lambda kind: st.lists(forests(kind), max_size=3)))
 def test_forests_are_concatenated(parts):
     expected = [tree for _, individuals in parts for tree in individuals]
     same(Forest.concatenate([forest for forest, _ in parts]), expected)
@@ -87,25 +91,53 @@ def test_an_individual_outside_of_the_forest_is_refused(index):
         Forest.stack([leaf(0)]).tree(index)
 
 
-def test_trees_with_values_are_refused():
-    with pytest.raises(InvalidTreeError, match="leaves hold actions; those of tree 1 hold values"):
-        Forest.stack([leaf(0), DecisionTree.value_leaf([1.0])])
-    with pytest.raises(InvalidTreeError, match="copies of a tree with actions"):
-        Forest.of_parameters(DecisionTree.value_leaf([1.0]), np.zeros((1, 1), np.float32))
+def test_a_forest_of_several_kinds_is_refused():
+    two, three = DecisionTree.value_leaf([1.0, 2.0]), DecisionTree.value_leaf([1.0, 2.0, 3.0])
+    with pytest.raises(InvalidTreeError, match="of tree 0 hold actions, those of tree 1 hold 2 values each"):
+        Forest.stack([leaf(0), two])
+    with pytest.raises(InvalidTreeError, match="of tree 0 hold 2 values each, those of tree 1 hold 3 values"):
+        Forest.stack([two, three])
+    with pytest.raises(
+        InvalidTreeError, match="of forest 0 hold 3 values each, those of forest 1 hold action"
+    ):
+        Forest.concatenate([Forest.stack([three]), Forest.stack([leaf(0)])])
 
 
-@given(
-    st.data(), st.lists(trees(), min_size=1, max_size=4) | st.lists(weighted_trees(), min_size=1, max_size=4)
-)
+def test_copies_need_as_many_parameters_as_the_tree_has():
+    with pytest.raises(InvalidTreeError, match=r"need \[R, 1\] parameters; \[1, 2\] were given"):
+        Forest.of_parameters(DecisionTree.value_leaf([1.0]), np.zeros((1, 2), np.float32))
+
+
+def test_individuals_without_a_tree_are_of_any_kind():
+    values = Forest.stack([DecisionTree.value_leaf([1.0], {2: [3.0]})])
+    both = Forest.concatenate([NO_TREE, values, values.take([0]).take([]), NO_TREE])
+    assert (both.n_values, both.valid.tolist()) == (1, [False, True, False])
+    assert both.tree(1) == values.tree(0)
+    assert Forest.concatenate([both.take([0]), both.take([2])]).n_values == 1
+
+
+@given(st.data(), trees_of_one_kind().flatmap(lambda kind: st.lists(kind, min_size=1, max_size=4)))
 def test_each_observation_is_decided_by_its_own_tree(data, trees):
     forest = Forest.stack(trees)
     rows = np.concatenate([data.draw(observations(tree)) for tree in trees])
     chosen = data.draw(st.lists(st.integers(0, len(trees) - 1), min_size=len(rows), max_size=len(rows)))
-    expected = [int(trees[p].decide(row[np.newaxis])[0]) for p, row in zip(chosen, rows, strict=True)]
-    assert forest.decide(np.array(chosen, dtype=np.int64), rows).tolist() == expected
+    decided = forest.decide(np.array(chosen, dtype=np.int64), rows)
+    for p, row, answer in zip(chosen, rows, decided, strict=True):
+        expected = trees[p].decide(row[np.newaxis])[0]
+        assert answer.dtype == expected.dtype
+        assert np.array_equal(answer, expected, equal_nan=not forest.has_actions)
 
 
-@given(st.data(), weighted_trees(), st.integers(0, 3))
+def test_values_are_summed_in_float64_from_the_constant_on_and_then_rounded():
+    tree = DecisionTree.value_leaf([1e8, 0.1], {1: [1.0, 0.2], 0: [-1e8, 3.0]})
+    row = np.float32([[1.0, 0.25]])
+    expected = np.float32([[0.25, np.float32(0.1) + 0.25 * np.float64(np.float32(0.2)) + 3.0]])
+    for answer in (tree.decide(row), Forest.stack([tree]).decide(np.zeros(1, np.int64), row)):
+        assert answer.dtype == np.float32
+        assert answer.tolist() == expected.tolist()
+
+
+@given(st.data(), any_trees(), st.integers(0, 3))
 def test_copies_with_other_parameters_are_the_trees_with_these_parameters(data, tree, n):
     shape = (n, len(tree.parameters))
     rows = [[data.draw(float32s() | st.just(-0.0)) for _ in range(shape[1])] for _ in range(n)]

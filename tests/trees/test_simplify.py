@@ -5,7 +5,7 @@ import pytest
 from forests_for_tests import NO_TREE
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import any_trees, float32s, observations, trees, weighted_trees
+from strategies import any_trees, float32s, observations, trees, trees_of_one_kind, weighted_trees
 
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.forest import Forest
@@ -261,7 +261,10 @@ def test_every_leaf_that_remains_is_reached_by_an_observation_within_the_bounds(
         open_nodes += [(simplified.children_left[node], witness), (simplified.children_right[node], raised)]
 
 
-@given(st.lists(st.none() | weighted_trees(), max_size=6), bounds())
+@given(
+    trees_of_one_kind().flatmap(lambda kind: st.lists(st.none() | kind, max_size=6)),
+    bounds(),
+)
 def test_a_forest_is_simplified_tree_by_tree(individuals, low_high):
     parts = [NO_TREE if tree is None else Forest.stack([tree]) for tree in individuals]
     simplified = simplify(Forest.concatenate(parts), *low_high)

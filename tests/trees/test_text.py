@@ -2,7 +2,7 @@ import json
 
 import numpy as np
 import pytest
-from documents_for_tests import WIDE
+from documents_for_tests import WIDE, names_for
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import any_trees, float32s
@@ -138,7 +138,7 @@ def test_names_that_the_environment_does_not_have_are_refused(render, tree, mess
 
 @given(any_trees())
 def test_text_has_a_line_a_node_and_rules_a_line_a_leaf(tree):
-    names = ACROBOT if tree.has_actions else WIDE.names
+    names = names_for(tree)
     assert len(render_text(tree, names).splitlines()) == tree.num_decision_nodes + tree.num_leaves
     assert len(render_rules(tree, names).splitlines()) == tree.num_leaves
 
