@@ -40,7 +40,7 @@ from ge_torchrl import __version__
 from ge_torchrl.cli import VERBS
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR
-from ge_torchrl.config import Config, check_choice, check_group, check_key, template
+from ge_torchrl.config import MAPPINGS, Config, check_choice, check_group, check_key, template
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 
 _LONGEST_NAME = 160
@@ -279,7 +279,11 @@ def _prepare_hydra() -> None:
         return secrets.token_hex(4)
 
     # A plain mapping, not the records as a typed schema: then one place, config/, judges types and words the errors.
-    ConfigStore.instance().store(name="template", node=template())
+    node = OmegaConf.create(template())
+    for key in MAPPINGS:
+        # Hydra asks for a + before a key that is not there; within these all keys are the user's own.
+        OmegaConf.set_struct(OmegaConf.select(node, key), value=False)
+    ConfigStore.instance().store(name="template", node=node)
     dumper = get_omega_conf_dumper()
     dumper.add_representer(str, _represented)
     OmegaConf.register_new_resolver("unique_token", unique_token, use_cache=True, replace=True)

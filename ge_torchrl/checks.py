@@ -5,8 +5,9 @@ A rule states type and range. `checked` normalises what is only another spelling
 `ConfigError` that names the key, what was expected, why, and what came.
 """
 
+import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Literal, NoReturn
@@ -18,7 +19,7 @@ MOST_EPISODES = 1_000_000
 UNSET = "???"
 """The value of a key that somebody still has to fill in, as OmegaConf and YAML files write it."""
 
-Kind = Literal["integer", "number", "flag", "text"]
+Kind = Literal["integer", "number", "flag", "text", "mapping"]
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,8 @@ class Rule:
     def _expected_one(self) -> str:
         if self.kind == "flag":
             return "true or false"
+        if self.kind == "mapping":
+            return "keys with values, such as {gravity: -5}"
         if self.kind == "text":
             return f"one of {', '.join(self.choices)}" if self.choices else self.text
         if self.kind == "integer":
@@ -82,6 +85,8 @@ class Rule:
         """Tell whether one value, or one entry of a list, is allowed."""
         if self.kind == "flag":
             return isinstance(value, bool)
+        if self.kind == "mapping":
+            return isinstance(value, Mapping) and _is_plain(value)
         if self.kind == "text":
             return isinstance(value, str) and value != UNSET and self._accepts_text(value)
         if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
@@ -100,7 +105,20 @@ class Rule:
         """Return an allowed value in its one spelling."""
         if self.kind in ("flag", "text"):
             return value
+        if self.kind == "mapping":
+            return json.loads(json.dumps(dict(value)))
         return int(value) if self.kind == "integer" else float(value)
+
+
+def _is_plain(value: Any) -> bool:
+    """Tell whether a value is what JSON can say, with texts as keys."""
+    if isinstance(value, Mapping):
+        return all(isinstance(key, str) and _is_plain(inner) for key, inner in value.items())
+    if isinstance(value, list | tuple):
+        return all(map(_is_plain, value))
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return value is None or (isinstance(value, bool | int | str) and value != UNSET)
 
 
 def checked(key: str, value: object, rule: Rule) -> Any:

@@ -2,11 +2,12 @@
 
 from ge_torchrl.config.archive import ArchiveConfig
 from ge_torchrl.config.keys import check_choice, check_group, without_gone
-from ge_torchrl.config.record import Config, check_key, template
+from ge_torchrl.config.record import MAPPINGS, Config, check_key, template
 from ge_torchrl.config.refinement import PolishConfig, PPOConfig, RefinerConfig, ScheduleConfig
 from ge_torchrl.config.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
 
 __all__ = [
+    "MAPPINGS",
     "ArchiveConfig",
     "Config",
     "EnvironmentConfig",

@@ -4,12 +4,12 @@
 """
 
 from collections.abc import Iterator
-from dataclasses import MISSING, Field, fields, replace
+from dataclasses import Field, fields, replace
 from typing import Any
 
-from ge_torchrl.checks import Rule
+from ge_torchrl.checks import UNSET, Rule
 from ge_torchrl.config.record import Config
-from ge_torchrl.config.setting import Section, follows_speed, nested, rule_of
+from ge_torchrl.config.setting import Section, default_of, follows_speed, nested, rule_of
 
 _HEAD = """\
 # Settings
@@ -68,7 +68,8 @@ def _row(record: type[Section], entry: Field[Any]) -> str:
 def _default(entry: Field[Any]) -> str:
     if follows_speed(entry) and entry.metadata["dear"] != entry.default:
         return f"{_shown(entry.default)} or {_shown(entry.metadata['dear'])}"
-    return "none: to be given" if entry.default is MISSING else _shown(entry.default)
+    default = default_of(entry)
+    return "none: to be given" if default == UNSET else _shown(default)
 
 
 def _shown(value: Any) -> str:

@@ -9,7 +9,7 @@ from ge_torchrl.config import keys
 from ge_torchrl.config.archive import ArchiveConfig
 from ge_torchrl.config.refinement import PolishConfig, RefinerConfig
 from ge_torchrl.config.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
-from ge_torchrl.config.setting import Section, default_of, follows_speed, nested, setting
+from ge_torchrl.config.setting import Section, default_of, follows_speed, holds_mapping, nested, setting
 from ge_torchrl.errors import ConfigError
 
 # From so many environment steps a second on, steps are nearly free: kernels make a hundred times as many, and anything
@@ -138,7 +138,21 @@ def check_key(key: str) -> None:
     Raises:
         ConfigError: There is no such key; the message names its successor or similar ones.
     """
-    keys.check_key(key, _flat_keys(template()))
+    if not any(key.startswith(f"{own}.") for own in MAPPINGS):
+        keys.check_key(key, _flat_keys(template()))
+
+
+def _mappings(record: type[Section]) -> Iterator[str]:
+    """Return the settings whose keys are the user's own, such as `env.kwargs`."""
+    for entry in fields(record):  # type: ignore[arg-type]
+        if inner := nested(entry):
+            yield from _mappings(inner)
+        elif holds_mapping(entry):
+            yield record.key(entry.name)
+
+
+MAPPINGS = tuple(_mappings(Config))
+"""The settings whose keys are the user's own."""
 
 
 def _flat_keys(values: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
@@ -164,9 +178,9 @@ def _record_from(record: type[Section], values: object) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {key: _plain(inner) for key, inner in value.items()}
     return list(value) if isinstance(value, tuple) else value
 
 
-__all__ = ["UNSET", "Config", "check_key", "template"]
+__all__ = ["MAPPINGS", "UNSET", "Config", "check_key", "template"]

@@ -1,9 +1,10 @@
 """The settings of environment, grammar, evolution and measuring."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from ge_torchrl.config.setting import Section, episode_count, probability, setting
+from ge_torchrl.config.setting import Section, episode_count, mapping, probability, setting
 
 _POPULATION_SIZE = 200
 _MOST_CODONS = (8 << 30) // 4
@@ -18,6 +19,13 @@ class EnvironmentConfig(Section):
     SECTION: ClassVar[str] = "env"
 
     id: str = setting(doc="Gymnasium id.", text="a Gymnasium id such as CartPole-v1")
+    kwargs: Mapping[str, Any] = mapping(
+        doc="What else the environment is made with, such as `env.kwargs.gravity=-5`."
+    )
+    wrappers: tuple[str, ...] = setting(
+        (),
+        doc="Wrappers around it, innermost first, each `module:Class`, or `module:Class {key: value}` with arguments.",
+    )
     features: tuple[str, ...] = setting(
         (),
         distinct=True,
@@ -31,7 +39,7 @@ class EnvironmentConfig(Section):
         (),
         distinct=True,
         because="a tree is read by them",
-        doc="Names of the actions; empty means `a0`, `a1`, ...",
+        doc="Names of the actions, or of the entries of a continuous one; empty means `a0`, `a1`, ...",
     )
     solved_at: float | None = setting(None, doc="Mean return from which the task counts as solved.")
     lowest_return: float | None = setting(
@@ -41,7 +49,8 @@ class EnvironmentConfig(Section):
         None,
         at_least=1,
         because="an episode has at least one step",
-        doc="Limit of an episode's length; null takes the environment's own.",
+        doc="Limit of an episode's length; null takes the environment's own, and where there is none, one by what "
+        "random policies do.",
     )
     route: str = setting(
         "auto",

@@ -2,6 +2,7 @@
 
 import math
 import types
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, field, fields
 from functools import cache
 from typing import Any, ClassVar, Union, cast, get_args, get_origin
@@ -11,7 +12,7 @@ from ge_torchrl.checks import MOST_EPISODES, UNSET, Kind, Rule, checked, refuse
 REQUIRED = MISSING
 NOT_BY_SPEED = object()
 """Instead of a value for dear steps: the setting does not follow the environment's speed."""
-_KINDS: dict[type, Kind] = {int: "integer", float: "number", bool: "flag", str: "text"}
+_KINDS: dict[type, Kind] = {int: "integer", float: "number", bool: "flag", str: "text", Mapping: "mapping"}
 
 
 def setting(
@@ -59,6 +60,13 @@ def setting(
     }
     metadata = {"doc": doc, "declared": declared, "dear": dear}
     return field(metadata=metadata) if default is REQUIRED else field(default=default, metadata=metadata)
+
+
+def mapping(*, doc: str) -> Any:
+    """Declare a setting that is keys with values of the user's own, by default none: what JSON can say."""
+    # A mapping has no hash; records that differ in it alone are unequal, and that is enough.
+    metadata = {"doc": doc, "declared": {}, "dear": NOT_BY_SPEED}
+    return field(default_factory=dict, hash=False, metadata=metadata)
 
 
 def probability(default: float, *, doc: str, because: str = "it is a probability") -> Any:
@@ -122,12 +130,19 @@ def default_of(entry: Field[Any]) -> Any:
     """Return the default of a setting: `UNSET` where the user has to give one, null where it follows the speed."""
     if follows_speed(entry):
         return None
+    if holds_mapping(entry):
+        return {}
     return UNSET if entry.default is MISSING else entry.default
 
 
 def follows_speed(entry: Field[Any]) -> bool:
     """Tell whether a setting that is left open follows the speed of the environment."""
     return entry.metadata.get("dear", NOT_BY_SPEED) is not NOT_BY_SPEED
+
+
+def holds_mapping(entry: Field[Any]) -> bool:
+    """Tell whether a setting is keys with values of the user's own."""
+    return get_origin(entry.type) is Mapping
 
 
 @cache
@@ -142,5 +157,7 @@ def _read(annotation: Any) -> tuple[Kind, bool, bool]:
     optional = get_origin(annotation) in (types.UnionType, Union)
     if optional:
         (annotation,) = (part for part in get_args(annotation) if part is not type(None))
+    if get_origin(annotation) is Mapping:
+        return _KINDS[Mapping], False, optional
     many = get_origin(annotation) is tuple
     return _KINDS[get_args(annotation)[0] if many else annotation], many, optional

@@ -8,10 +8,14 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import yaml
 from gymnasium import spaces
 from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
+from ge_torchrl.config import EnvironmentConfig
+from ge_torchrl.environments.naming import feature_names
+from ge_torchrl.environments.suitable import action_bounds, float32_bounds, observed_box, one_line
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.trees.controller import Names
 
@@ -118,13 +122,15 @@ def describe(
 
     Args:
         environment_id: What `gym.make` takes.
-        features: [D] names; none means `x0, x1, ...`.
+        features: [D] names; none means those that Gymnasium knows, of the keys of a Dict that was flattened, else
+            `x0, x1, ...`.
         units: [D] units; none means no units.
         actions: [A] names of the actions, or of the entries of a continuous one; none means `a0, a1, ...`.
         solved_at: Mean return from which the task is solved; None takes the environment's registered threshold.
         max_episode_steps: Episode limit; None takes the environment's own.
         kwargs: What else `gym.make` is given.
-        wrappers: Wrappers to put around it, innermost first, each written `module:Class`.
+        wrappers: Wrappers to put around it, innermost first, each written `module:Class`, or
+            `module:Class {key: value}` with arguments.
 
     Raises:
         EnvironmentFaultError: The environment is unknown, its observations are no flat Box, its actions are neither
@@ -132,37 +138,32 @@ def describe(
     """
     given = dict(kwargs or {})
     environment = _make(environment_id, max_episode_steps, given, wrappers, None)
-    observation_space, action_space, registered = (
-        environment.observation_space,
-        environment.action_space,
-        environment.spec,
-    )
-    environment.close()
-    if not isinstance(observation_space, spaces.Box) or len(observation_space.shape) != 1:
-        raise EnvironmentFaultError(
-            f"env.id={environment_id} must observe a flat Box, since a split compares one number; got "
-            f"{_one_line(observation_space)} (gymnasium.wrappers.FlattenObservation makes one)"
-        )
-    action_bounds = _action_bounds(action_space, environment_id)
-    n_features = observation_space.shape[0]
-    n_actions = int(action_space.n) if isinstance(action_space, spaces.Discrete) else len(action_bounds)
+    try:
+        action_space, registered = environment.action_space, environment.spec
+        observed = observed_box(environment.observation_space, environment_id, wrappers)
+        bounds = action_bounds(action_space, environment_id, wrappers)
+        found_names = feature_names(environment)
+    finally:
+        environment.close()
+    n_features = observed.shape[0]
+    n_actions = int(action_space.n) if isinstance(action_space, spaces.Discrete) else len(bounds)
     _check_number("features", features, n_features, environment_id)
     _check_number("units", units, n_features, environment_id)
     _check_number("actions", actions, n_actions, environment_id)
     limit = registered.max_episode_steps if registered is not None else None
     threshold = registered.reward_threshold if registered is not None else None
-    low, high = _float32_bounds(observation_space)
+    low, high = float32_bounds(observed)
     return EnvironmentSpec(
         id=environment_id,
         names=Names(
             id=environment_id,
-            features=features or tuple(f"x{i}" for i in range(n_features)),
+            features=features or found_names,
             units=units or ("",) * n_features,
             actions=actions or tuple(f"a{i}" for i in range(n_actions)),
             kwargs=given,
             wrappers=tuple(wrappers),
             max_episode_steps=max_episode_steps,
-            action_bounds=action_bounds,
+            action_bounds=bounds,
         ),
         low=low,
         high=high,
@@ -170,6 +171,20 @@ def describe(
         has_limit=limit is not None,
         first_action=int(action_space.start) if isinstance(action_space, spaces.Discrete) else 0,
         solved_at=threshold if solved_at is None else solved_at,
+    )
+
+
+def describe_settings(env: EnvironmentConfig) -> EnvironmentSpec:
+    """Describe the environment that the settings of a run name; see `describe`."""
+    return describe(
+        env.id,
+        env.features,
+        env.units,
+        env.actions,
+        env.solved_at,
+        env.max_episode_steps,
+        env.kwargs,
+        env.wrappers,
     )
 
 
@@ -186,41 +201,50 @@ def _make(
         environment: GymEnvironment = gym.make(
             environment_id, max_episode_steps=max_episode_steps, disable_env_checker=True, **given
         )
-        for wrapper in wrappers:
-            wrap: Any = load_env_creator(wrapper)
-            environment = wrap(environment)
     except gym.error.DependencyNotInstalled as error:
         raise EnvironmentFaultError(
-            f"env.id={environment_id} needs packages that are not installed ({_one_line(error)}); "
+            f"env.id={environment_id} needs packages that are not installed ({one_line(error)}); "
             f'for Box2D environments: pip install -c constraints.txt -e ".[box2d]"'
         ) from error
     except (gym.error.Error, ImportError) as error:
         raise EnvironmentFaultError(
-            f"env.id must be the id of an installed Gymnasium environment, as in env.id=CartPole-v1 or "
-            f"env.id=module:Name-v0; got {environment_id!r} ({_one_line(error)})"
+            f"env.id must be the id of an installed Gymnasium environment, as in env.id=CartPole-v1, with the module "
+            f"that registers it in front unless that is Gymnasium itself, as in env.id=module:Name-v0; "
+            f"got {environment_id!r} ({one_line(error)})"
         ) from error
     except FAULTS as error:
-        raise EnvironmentFaultError(f"env.id={environment_id} raised {error!r} while it was made") from error
+        with_kwargs = f" with env.kwargs={dict(kwargs)}" if kwargs else ""
+        raise EnvironmentFaultError(
+            f"env.id={environment_id} raised {error!r} while it was made{with_kwargs}"
+        ) from error
+    for wrapper in wrappers:
+        environment = _wrapped(environment, wrapper)
     return environment
 
 
-def _action_bounds(space: spaces.Space[Any], environment_id: str) -> tuple[tuple[float, float], ...]:
-    """Return the bounds of each entry of a continuous action, none for a choice; refuse what is neither."""
-    if isinstance(space, spaces.Discrete):
-        return ()
-    if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.shape[0] and space.dtype.kind == "f":
-        low, high = _float32_bounds(space)
-        return tuple(zip(low.tolist(), high.tolist(), strict=True))
-    raise EnvironmentFaultError(
-        f"env.id={environment_id} must have Discrete actions, or a flat Box of floats, since a leaf holds one choice "
-        f"or a row of numbers; got {_one_line(space)}"
-    )
-
-
-def _float32_bounds(space: spaces.Box) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    # A float64 bound may lie beyond every float32: it is none.
-    with np.errstate(over="ignore"):
-        return space.low.astype(np.float32), space.high.astype(np.float32)
+def _wrapped(environment: GymEnvironment, wrapper: str) -> GymEnvironment:
+    """Put a wrapper around an environment; its name is looked up, its arguments are read, nothing is evaluated."""
+    name, _, text = wrapper.partition(" ")
+    try:
+        arguments = dict(yaml.safe_load(text) if text.strip() else {})
+        wrap: Any = load_env_creator(name)
+        is_wrapper = isinstance(wrap, type) and issubclass(wrap, gym.Wrapper)
+    except (ValueError, TypeError, ImportError, AttributeError, yaml.YAMLError) as error:
+        raise EnvironmentFaultError(
+            f"env.wrappers must be names such as gymnasium.wrappers:FlattenObservation, or with arguments "
+            f'"gymnasium.wrappers:DiscretizeAction {{bins: 7}}"; got {wrapper!r} ({one_line(error)})'
+        ) from error
+    if not is_wrapper:
+        raise EnvironmentFaultError(
+            f"env.wrappers must be subclasses of gymnasium.Wrapper; got {name}, {wrap}"
+        )
+    try:
+        wrapped: GymEnvironment = wrap(environment, **arguments)
+    except FAULTS as error:
+        raise EnvironmentFaultError(
+            f"env.wrappers: {wrapper} raised {error!r} around {environment.unwrapped}"
+        ) from error
+    return wrapped
 
 
 def _check_number(what: str, names: tuple[str, ...], expected: int, environment_id: str) -> None:
@@ -229,7 +253,3 @@ def _check_number(what: str, names: tuple[str, ...], expected: int, environment_
             f"env.{what} must name the {expected} {what} of {environment_id}, or none (env.{what}=[]); "
             f"got {len(names)} names"
         )
-
-
-def _one_line(value: object) -> str:
-    return " ".join(str(value).split())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -14,14 +15,14 @@ from numpy.typing import NDArray
 from ge_torchrl.artefacts.folder import ARCHIVE_TREES, BEST_TREE, CONFIG, RunFolder, find_runs, none_found
 from ge_torchrl.artefacts.records import Summary
 from ge_torchrl.environments.choose import open_backend
-from ge_torchrl.environments.spec import EnvironmentSpec, describe
+from ge_torchrl.environments.spec import EnvironmentSpec, describe, describe_settings
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluationSummary, SweepEvaluation
 from ge_torchrl.report.methods import METHODS, method_of
 from ge_torchrl.report.sizes import SizedTree
 from ge_torchrl.report.tables import RunRow
 from ge_torchrl.seeding import episode_seeds, stream
-from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.controller import Controller, Names
 from ge_torchrl.trees.files import read_controller
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
@@ -140,10 +141,11 @@ class _Candidates:
     by_size: tuple[DecisionTree, ...]
 
     @property
-    def task(self) -> tuple[str, int, float]:
+    def task(self) -> tuple[tuple[str, str, tuple[str, ...], int], int, float]:
         """What has to be equal for trees to be tested together, in an order."""
         solved_at = self.spec.solved_at
-        return self.spec.id, self.spec.max_episode_steps, np.inf if solved_at is None else solved_at
+        made = _made(self.spec.names)
+        return made, self.spec.max_episode_steps, np.inf if solved_at is None else solved_at
 
     @property
     def trees(self) -> Iterator[DecisionTree]:
@@ -255,17 +257,19 @@ def _read(path: Path, nodes: int | None) -> tuple[DecisionTree, EnvironmentSpec]
         raise ArtefactError(f"--nodes chooses a tree of a run, so expected a run's folder; got {path}")
     controller = read_controller(path)
     run = path.parent.parent if path.parent.name == ARCHIVE_TREES else path.parent
-    of_run = (run / CONFIG).exists()
-    return controller.tree, _environment(RunFolder(run)) if of_run else _environment_of(controller)
+    of_run = _environment(RunFolder(run)) if (run / CONFIG).exists() else None
+    return controller.tree, _environment_of(controller, of_run)
 
 
 def _environment(folder: RunFolder) -> EnvironmentSpec:
-    env = folder.read_config().env
-    return describe(env.id, env.features, env.units, env.actions, env.solved_at, env.max_episode_steps)
+    return describe_settings(folder.read_config().env)
 
 
-def _environment_of(controller: Controller) -> EnvironmentSpec:
+def _environment_of(controller: Controller, of_run: EnvironmentSpec | None) -> EnvironmentSpec:
+    """Describe the environment that a tree's own file names, wherever it lies; its run may know a threshold."""
     names = controller.names
+    if of_run is not None and _made(of_run.names) == _made(names):
+        return of_run
     return describe(
         names.id,
         names.features,
@@ -275,6 +279,12 @@ def _environment_of(controller: Controller) -> EnvironmentSpec:
         kwargs=names.kwargs,
         wrappers=names.wrappers,
     )
+
+
+def _made(names: Names) -> tuple[str, str, tuple[str, ...], int]:
+    """Return how an environment is made, in an order."""
+    kwargs = json.dumps(names.kwargs, sort_keys=True)
+    return names.id, kwargs, names.wrappers, names.max_episode_steps or 0
 
 
 def _is_solved(spec: EnvironmentSpec, mean: float) -> bool | None:

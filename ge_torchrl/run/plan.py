@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
-from ge_torchrl.environments.spec import EnvironmentSpec, describe
+from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
 from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
@@ -35,7 +35,7 @@ def plan(config: Config) -> Plan:
         GrammarError: The grammar text breaks a rule.
     """
     env = config.env
-    spec = describe(env.id, env.features, env.units, env.actions, env.solved_at, env.max_episode_steps)
+    spec = describe_settings(env)
     if env.route == "kernel":
         open_backend(spec, env.route, threads=1).close()
     try:

@@ -43,6 +43,7 @@ def test_the_thesis_stays_what_it_was_whatever_becomes_of_the_defaults(experimen
     # What an archive or a polish would be like has no effect where there is none.
     for section in ("archive", "polish"):
         thesis[section] = {key: thesis[section][key] for key in golden[section]}
+    assert (thesis["env"].pop("kwargs"), thesis["env"].pop("wrappers")) == ({}, [])
     assert thesis == golden
 
 
@@ -96,6 +97,21 @@ def test_every_environment_composes(experiment):
     assert set(THESIS) < names
     for name in names:
         assert config_of(experiment, f"env={name}").grammar.name == f"{name}_per_feature"
+
+
+@pytest.mark.parametrize("plus", ["", "+", "++"])
+def test_arguments_and_wrappers_of_the_environment_come_from_the_command_line(experiment, plus):
+    config = config_of(
+        experiment,
+        f"{plus}env.kwargs.gravity=-5",
+        f"{plus}env.kwargs.wind.power=1.5",
+        """env.wrappers=[gymnasium.wrappers:FlattenObservation,"gymnasium.wrappers:DiscretizeAction {bins: 7}"]""",
+    )
+    assert config.env.kwargs == {"gravity": -5, "wind": {"power": 1.5}}
+    assert config.env.wrappers == (
+        "gymnasium.wrappers:FlattenObservation",
+        "gymnasium.wrappers:DiscretizeAction {bins: 7}",
+    )
 
 
 def test_any_environment_runs_with_a_grammar_on_the_command_line(experiment):

@@ -53,6 +53,18 @@ def test_what_is_left_open_follows_the_speed(speed, keep, neighbours, every, val
     assert Config.from_mapping(config.as_mapping()) == config
 
 
+def test_arguments_of_the_environment_are_the_users_own_keys():
+    given = {"gravity": -5, "map": ["SF", "FG"], "wind": {"power": 1.5, "on": True, "from": None}}
+    config = config_with("env", "kwargs", given)
+    assert config.env.kwargs == given
+    assert Config.from_mapping(config.as_mapping()) == config
+    assert config != config_with("env", "kwargs", {})
+    assert len({config.env, config_with("env", "kwargs", {}).env}) == 2
+    given["gravity"] = 3
+    assert config.env.kwargs["gravity"] == -5
+    check_key("env.kwargs.whatever.there.is")
+
+
 @pytest.mark.parametrize("speed", [1e4, 1e8])
 def test_nothing_is_proposed_where_nothing_would_come_of_it(speed):
     alone = {**VALUES, "refiner": {"method": "none"}, "polish": {"every": 0}}

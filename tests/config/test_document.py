@@ -10,7 +10,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "settings.md"
 
 def flat(values, prefix=""):
     for name, value in values.items():
-        if isinstance(value, dict):
+        if value and isinstance(value, dict):
             yield from flat(value, f"{prefix}{name}.")
         else:
             yield prefix + name

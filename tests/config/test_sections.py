@@ -72,6 +72,11 @@ from ge_torchrl.errors import ConfigError
         ("env", "units", [1], r"env.units must be a list of texts; got \[1\]"),
         ("env", "features", ["x", "x"], "env.features must be a list of names that differ from each other"),
         ("env", "actions", ["left", ""], "env.actions must be a list of names that differ from each other"),
+        ("env", "kwargs", 3, "env.kwargs must be keys with values, such as {gravity: -5}; got 3"),
+        ("env", "kwargs", {"g": float("nan")}, "env.kwargs must be keys with values"),
+        ("env", "kwargs", {"g": {1: 2}}, "env.kwargs must be keys with values"),
+        ("env", "kwargs", {"g": "???"}, "env.kwargs must be keys with values"),
+        ("env", "wrappers", "gymnasium.wrappers:ClipAction", "env.wrappers must be a list of texts"),
         ("env", "solved_at", float("inf"), "env.solved_at must be a finite number or null; got inf"),
         (
             "env",

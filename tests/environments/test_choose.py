@@ -41,6 +41,21 @@ def test_auto_takes_the_kernel_where_it_agrees(environment_id, limit, opened):
     assert backend.name == "kernel"
 
 
+@pytest.mark.parametrize(
+    "described",
+    [
+        {"kwargs": {"goal_velocity": 0.05}},
+        {"wrappers": ("environments_for_tests:DoubledReward",)},
+    ],
+    ids=["arguments", "a wrapper"],
+)
+def test_the_kernel_runs_only_for_the_environment_that_it_implements(described, opened):
+    spec = describe("MountainCar-v0", **described)
+    assert isinstance(opened(spec, "auto", 0, 1), GymnasiumBackend)
+    with pytest.raises(EnvironmentFaultError, match="without arguments or wrappers"):
+        opened(spec, "kernel")
+
+
 def test_auto_falls_back_with_a_warning_where_gymnasium_differs(monkeypatch, caplog, opened):
     gravity_on_the_moon = gym.make("CartPole-v1")
     gravity_on_the_moon.unwrapped.gravity = 1.62

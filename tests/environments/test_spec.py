@@ -7,8 +7,6 @@ from environments_for_tests import (
     DoubledReward,
     Float64WalkEnv,
     Int64WalkEnv,
-    PicturesEnv,
-    SwitchesEnv,
     ThrustEnv,
     UInt8WalkEnv,
     register,
@@ -69,13 +67,6 @@ def test_wrong_number_of_names_is_refused_with_the_override():
         describe("CartPole-v1", features=("x",))
     with pytest.raises(EnvironmentFaultError, match=r"env\.actions must name the 2 actions.*got 3"):
         describe("CartPole-v1", actions=("x", "y", "z"))
-
-
-@pytest.mark.parametrize(("kind", "expected"), [(PicturesEnv, "flat Box"), (SwitchesEnv, "Discrete")])
-def test_unsuitable_spaces_are_refused_in_one_line(kind, expected):
-    with pytest.raises(EnvironmentFaultError, match=expected) as caught:
-        describe(register(kind))
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -143,8 +134,43 @@ def test_arguments_and_wrappers_are_kept():
     assert described.names.wrappers == ("environments_for_tests:DoubledReward",)
 
 
+def test_a_wrapper_takes_arguments():
+    wrapper = "gymnasium.wrappers:DiscretizeAction {bins: 5}"
+    described = describe("Pendulum-v1", wrappers=(wrapper,))
+    assert (described.n_actions, described.is_continuous) == (5, False)
+    assert described.names.wrappers == (wrapper,)
+
+
+@pytest.mark.parametrize(
+    ("wrapper", "said"),
+    [
+        ("FlattenObservation", r"must be names such as gymnasium\.wrappers:FlattenObservation"),
+        ("gymnasium.wrappers:FlatenObservation", r"must be names such as .*FlatenObservation"),
+        ("no_such_module:Wrapper", "must be names such as .*No module named"),
+        ("gymnasium.wrappers:ClipReward {low: ", "must be names such as"),
+        ("gymnasium.wrappers:ClipReward 3", "must be names such as"),
+        ("os:system", r"must be subclasses of gymnasium\.Wrapper; got os:system"),
+        ("gymnasium.wrappers:DiscretizeAction", "raised TypeError.*bins"),
+    ],
+)
+def test_a_wrapper_that_is_none_is_refused_in_one_line(wrapper, said):
+    with pytest.raises(
+        EnvironmentFaultError, match=rf"env\.wrappers:? .*{said}|env\.wrappers {said}"
+    ) as caught:
+        describe("Pendulum-v1", wrappers=(wrapper,))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_id_is_told_of_the_module_that_registers_it():
+    with pytest.raises(
+        EnvironmentFaultError, match=r"the module that registers it in front .*env.id=module:Name-v0"
+    ):
+        describe("FlappyBird-v77")
+
+
 def test_what_an_environment_raises_while_it_is_made_is_one_line():
     with pytest.raises(
-        EnvironmentFaultError, match=r"env\.id=CartPole-v1 raised TypeError.*while it was made"
+        EnvironmentFaultError,
+        match=r"env\.id=CartPole-v1 raised TypeError.*was made with env\.kwargs=.*wheels",
     ):
         describe("CartPole-v1", kwargs={"wheels": 3})

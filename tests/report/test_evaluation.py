@@ -13,6 +13,7 @@ from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report import evaluation
 from ge_torchrl.report.evaluation import evaluate, evaluate_runs, is_above_runs
 from ge_torchrl.seeding import episode_seeds, stream
+from ge_torchrl.trees.controller import Controller, Names
 from ge_torchrl.trees.files import write_controller
 from ge_torchrl.trees.forest import Forest
 
@@ -60,6 +61,26 @@ class TestEvaluation:
         write_controller(tmp_path / "tree.json", controller(PRUNED))
         alone = evaluate(tmp_path / "tree.json", 50, 0)
         assert (alone.environment, alone.solved_at) == ("CartPole-v1", 475.0)
+
+    def test_a_goal_that_asks_for_speed_is_not_measured_by_the_plain_kernel(self, tmp_path):
+        # Pushing along the velocity arrives after 122, 124, 116, 114 and 122 steps, and is slower than asked for.
+        tree = split(1, 0.0, leaf(0), leaf(2))
+        means = {}
+        for kwargs in ({}, {"goal_velocity": 0.05}):
+            names = Names("MountainCar-v0", ("x0", "x1"), ("", ""), ("a0", "a1", "a2"), kwargs)
+            write_controller(tmp_path / "tree.json", Controller(tree, names))
+            measured = evaluate(tmp_path / "tree.json", 5, 0)
+            means[measured.route] = measured.mean
+        assert means == {"kernel": pytest.approx(-119.6), "gymnasium": pytest.approx(-123.6)}
+
+    def test_a_raised_limit_travels_with_the_file(self, tmp_path):
+        # It drives left for ever.
+        names = Names("MountainCar-v0", ("x0", "x1"), ("", ""), ("a0", "a1", "a2"), max_episode_steps=1000)
+        write_controller(tmp_path / "tree.json", Controller(leaf(0), names))
+        assert evaluate(tmp_path / "tree.json", 3, 0).mean == -1000.0
+        elsewhere = write_run(tmp_path / "run", environment="MountainCar-v0") / "best_tree.json"
+        (tmp_path / "tree.json").replace(elsewhere)
+        assert evaluate(elsewhere, 3, 0).mean == -1000.0
 
     def test_missing_trees_are_named(self, tmp_path):
         with pytest.raises(ArtefactError, match="nowhere"):

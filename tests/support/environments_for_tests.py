@@ -126,6 +126,26 @@ class SwitchesEnv(CountdownEnv):
     action_space = gym.spaces.MultiBinary(3)
 
 
+class SpacesEnv(gym.Env):
+    """Observes and takes whatever its spaces hold; ends after three steps, and keeps its actions."""
+
+    def __init__(self, observed=None, taken=None):
+        self.observation_space = observed or gym.spaces.Box(-1, 1, (2,), np.float32)
+        self.action_space = taken or gym.spaces.Discrete(2)
+        self.taken = []
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed, options=options)
+        self.observation_space.seed(seed)
+        self.taken = []
+        return self.observation_space.sample(), {}
+
+    def step(self, action):
+        assert self.action_space.contains(action), action
+        self.taken.append(action)
+        return self.observation_space.sample(), 1.0, len(self.taken) == 3, False, {}
+
+
 class ThrustEnv(CountdownEnv):
     """Takes two numbers, pays their sum; one of them has no upper bound, and the other no lower one."""
 

@@ -1,0 +1,50 @@
+"""Names of features that Gymnasium knows: the keys of a Dict that a wrapper flattened."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import gymnasium as gym
+from gymnasium import spaces
+from gymnasium.wrappers import FlattenObservation
+
+
+def feature_names(environment: gym.Env[Any, Any]) -> tuple[str, ...]:
+    """Return a name for each entry of an environment's flat observation.
+
+    Args:
+        environment: It observes a flat Box.
+
+    Returns:
+        [D]; for a Dict that is flattened, `key` or `key_0, key_1, ...`, otherwise `x0, x1, ...`.
+    """
+    n = int(environment.observation_space.shape[0])  # type: ignore[index]
+    space = _flattened(environment)
+    names = [] if space is None else [re.sub(r"\W", "_", name) for name in _names_within(space, "")]
+    if len(names) == n and len(set(names)) == n and all(re.match(r"[A-Za-z]", name) for name in names):
+        return tuple(names)
+    return tuple(f"x{i}" for i in range(n))
+
+
+def _flattened(environment: gym.Env[Any, Any]) -> spaces.Space[Any] | None:
+    """Return the Dict that the outermost wrapper of the observation flattens, if that is what it does."""
+    inner = environment
+    while isinstance(inner, gym.Wrapper):
+        if isinstance(inner, FlattenObservation):
+            space = inner.env.observation_space
+            return space if isinstance(space, spaces.Dict) else None
+        if inner.observation_space != inner.env.observation_space:
+            return None
+        inner = inner.env
+    return None
+
+
+def _names_within(space: spaces.Space[Any], prefix: str) -> list[str]:
+    """Return the names of the entries of a space, in the order in which Gymnasium flattens it."""
+    if isinstance(space, spaces.Dict | spaces.Tuple):
+        parts = space.items() if isinstance(space, spaces.Dict) else enumerate(space)
+        below = f"{prefix}_" if prefix else ""
+        return [name for key, part in parts for name in _names_within(part, f"{below}{key}")]
+    n = spaces.flatdim(space)
+    return [prefix] if n == 1 else [f"{prefix}_{i}" for i in range(n)]

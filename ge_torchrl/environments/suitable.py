@@ -1,0 +1,109 @@
+"""Which spaces trees can live with, and what to type where they cannot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from ge_torchrl.environments.wrappers import is_continuous_throughout, n_combinations
+from ge_torchrl.errors import EnvironmentFaultError
+
+_OURS = "ge_torchrl.environments.wrappers"
+# A person does not read a leaf that is one of more choices.
+_MOST_COMBINATIONS = 1000
+
+
+def observed_box(space: spaces.Space[Any], environment_id: str, wrappers: Sequence[str]) -> spaces.Box:
+    """Return a space of observations if it is a flat Box.
+
+    Args:
+        space: What is observed.
+        environment_id: Of the environment.
+        wrappers: Those around it already.
+
+    Raises:
+        EnvironmentFaultError: It is not; the message names the override that helps.
+    """
+    if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.shape[0] > 0:
+        return space
+    raise _refusal(
+        f"env.id={environment_id} must observe a flat Box, since a split compares numbers; got {one_line(space)}",
+        _observation_remedy(space, environment_id, wrappers),
+    )
+
+
+def action_bounds(
+    space: spaces.Space[Any], environment_id: str, wrappers: Sequence[str]
+) -> tuple[tuple[float, float], ...]:
+    """Return the bounds of each entry of a continuous action; none where actions are Discrete.
+
+    Args:
+        space: Of actions.
+        environment_id: Of the environment.
+        wrappers: Those around it already.
+
+    Raises:
+        EnvironmentFaultError: It is neither Discrete nor a flat Box of floats; the message names the override that
+            helps.
+    """
+    if isinstance(space, spaces.Discrete):
+        return ()
+    if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.shape[0] and space.dtype.kind == "f":
+        low, high = float32_bounds(space)
+        return tuple(zip(low.tolist(), high.tolist(), strict=True))
+    raise _refusal(
+        f"env.id={environment_id} must have Discrete actions, or a flat Box of floats, since a leaf holds one choice "
+        f"or a row of numbers; got {one_line(space)}",
+        _action_remedy(space, wrappers),
+    )
+
+
+def float32_bounds(space: spaces.Box) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the bounds of a Box, each of its own shape."""
+    # A float64 bound may lie beyond every float32: it is none.
+    with np.errstate(over="ignore"):
+        return space.low.astype(np.float32), space.high.astype(np.float32)
+
+
+def one_line(value: object) -> str:
+    """Return what Gymnasium says of something, in one line."""
+    text = " ".join(str(value).split())
+    return text if len(text) <= 300 else f"{text[:297]}..."
+
+
+def _observation_remedy(space: spaces.Space[Any], environment_id: str, wrappers: Sequence[str]) -> str:
+    if not space.is_np_flattenable:
+        return ""
+    typed = _typed(wrappers, "gymnasium.wrappers:FlattenObservation")
+    n = math.prod(spaces.flatten_space(space).shape or ())
+    flattened = f"{typed} makes one, of {n} numbers"
+    if "ALE/" in environment_id and isinstance(space, spaces.Box):
+        return f"{flattened}; env.kwargs.obs_type=ram makes one of 128"
+    return flattened
+
+
+def _action_remedy(space: spaces.Space[Any], wrappers: Sequence[str]) -> str:
+    if isinstance(space, spaces.MultiDiscrete | spaces.MultiBinary):
+        n = n_combinations(space)
+        if n > _MOST_COMBINATIONS:
+            return ""
+        return f"{_typed(wrappers, f'{_OURS}:OneChoice')} makes one choice of the {n} combinations"
+    if is_continuous_throughout(space):
+        return f"{_typed(wrappers, f'{_OURS}:FlatActions')} makes a flat Box of them"
+    return ""
+
+
+def _typed(wrappers: Sequence[str], another: str) -> str:
+    """Return what a user types for one more wrapper."""
+    quoted = (f'"{wrapper}"' if "{" in wrapper else wrapper for wrapper in (*wrappers, another))
+    return f"env.wrappers='[{','.join(quoted)}]'"
+
+
+def _refusal(what: str, remedy: str) -> EnvironmentFaultError:
+    own = "a wrapper of your own can make one: env.wrappers='[my_module:MyWrapper]'"
+    return EnvironmentFaultError(f"{what}; {remedy or own}")
