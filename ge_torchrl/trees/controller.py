@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.tree import DecisionTree, FloatArray
@@ -27,11 +27,11 @@ class Names:
         wrappers: Wrappers around it, innermost first.
         max_episode_steps: Episode limit; None for the environment's own.
         action_bounds: (low, high) of each entry of a continuous action, infinite where there is none; empty where
-            actions are numbers of choices.
+            actions are numbers of choices. They are rounded to float32, as answers are.
 
     Raises:
-        InvalidTreeError: Features and units differ in number, there is no feature or action, the limit is below 1, or
-            the arguments are no JSON.
+        InvalidTreeError: Features and units differ in number, there is no feature or action, the limit is below 1, the
+            bounds are not one interval for each action, or the arguments are no JSON.
     """
 
     id: str
@@ -56,7 +56,15 @@ class Names:
             raise InvalidTreeError(
                 f"environment.max_episode_steps: expected at least 1 or null, got {self.max_episode_steps}"
             )
+        object.__setattr__(self, "action_bounds", _bounds_of(self.actions, self.action_bounds, self.id))
         object.__setattr__(self, "kwargs", _json_copy("environment.kwargs", self.kwargs))
+
+    @property
+    def action_spread(self) -> NDArray[np.float64]:
+        """[A] float64, half of the distance between an action's bounds; 1 where it tells nothing."""
+        low, high = np.array(self.action_bounds or [(-np.inf, np.inf)] * len(self.actions)).T
+        half = (high - low) / 2
+        return np.where(np.isfinite(half) & (half > 0), half, 1.0)
 
 
 @dataclass(frozen=True)
@@ -87,7 +95,8 @@ class Controller:
             observation: [D], taken as float32.
 
         Returns:
-            The number of the action, counted from 0; [A] float32 values, where leaves hold values.
+            The number of the action, counted from 0; where leaves hold values, [A] float32, clipped to the bounds of
+            the environment's actions.
 
         Raises:
             ValueError: The observation has another shape.
@@ -100,7 +109,11 @@ class Controller:
                 f"this observation has shape {list(observed.shape)}"
             )
         answer = self.tree.decide(observed[np.newaxis])[0]
-        return int(answer) if self.tree.has_actions else answer
+        if self.tree.has_actions:
+            return int(answer)
+        low, high = np.array(self.names.action_bounds or [(-np.inf, np.inf)], np.float32).T
+        clipped: FloatArray = np.clip(answer, low, high)
+        return clipped
 
 
 def check_names(tree: DecisionTree, names: Names) -> None:
@@ -121,10 +134,34 @@ def check_names(tree: DecisionTree, names: Names) -> None:
             raise InvalidTreeError(
                 f"{what}[{owner}]: {names.id} has {noun} 0 to {len(known) - 1}, not {used[place]}"
             )
+    if tree.has_actions and names.action_bounds:
+        raise InvalidTreeError(
+            f"leaves[0].action: {names.id} takes {len(names.actions)} values within bounds, not the number of an action"
+        )
     if not tree.has_actions and tree.value.shape[1] != len(names.actions):
         raise InvalidTreeError(
             f"leaves[0].value: {names.id} takes {len(names.actions)} values, not {tree.value.shape[1]}"
         )
+
+
+def _bounds_of(
+    actions: tuple[str, ...], bounds: tuple[tuple[float, float], ...], environment_id: str
+) -> tuple[tuple[float, float], ...]:
+    """Return bounds as float32 values; refuse what is not one interval for each action."""
+    if bounds and len(bounds) != len(actions):
+        raise InvalidTreeError(
+            f"environment.action_bounds: expected one pair for each of the {len(actions)} actions of "
+            f"{environment_id}, got {len(bounds)}"
+        )
+    with np.errstate(over="ignore"):
+        rounded = tuple((float(np.float32(low)), float(np.float32(high))) for low, high in bounds)
+    for place, (low, high) in enumerate(rounded):
+        if not (low <= high and low < np.inf and high > -np.inf):
+            raise InvalidTreeError(
+                f"environment.action_bounds[{place}]: expected a least and a greatest value, in this order, "
+                f"got {low} and {high}"
+            )
+    return rounded
 
 
 def _json_copy(key: str, value: Mapping[str, Any]) -> dict[str, Any]:

@@ -41,16 +41,18 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return content
 
 
-def keyed(value: object, expected: tuple[str, ...], key: str) -> dict[str, Any]:
-    """Return an object that has exactly the expected keys."""
+def keyed(
+    value: object, expected: tuple[str, ...], key: str, optional: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Return an object that has the expected keys, perhaps the optional ones, and no other."""
     where = key or "the document"
     if not isinstance(value, dict):
         raise InvalidTreeError(f"{key}: expected an object, got {shown(value)}")
     if missing := [name for name in expected if name not in value]:
         raise InvalidTreeError(f"{inner(key, missing[0])}: expected in {where}, but it is missing")
-    if unknown := [name for name in value if name not in expected]:
+    if unknown := [name for name in value if name not in (*expected, *optional)]:
         raise InvalidTreeError(
-            f"{shown(unknown[0])}: not a key of {where}; its keys are {', '.join(expected)}"
+            f"{shown(unknown[0])}: not a key of {where}; its keys are {', '.join((*expected, *optional))}"
         )
     return value
 

@@ -40,7 +40,9 @@ def with_parameters(tree: TreeArrays, numbers: FloatArray) -> TreeArrays:
     )
 
 
-def units_of(tree: TreeArrays, spread: NDArray[np.float64]) -> NDArray[np.float64]:
+def units_of(
+    tree: TreeArrays, spread: NDArray[np.float64], action_spread: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
     """Return a natural step of each number of a tree, [N]; see `DecisionTree.parameter_units`."""
     of_term = spread[tree.feature]
     if len(of_term) == 0:
@@ -51,7 +53,7 @@ def units_of(tree: TreeArrays, spread: NDArray[np.float64]) -> NDArray[np.float6
         # Where all weights are 0, the first feature is as good as any.
         of_sum = np.where(of_sum > 0, of_sum, of_term[tree.term_start[:-1]])
     of_weight = np.repeat(of_sum, np.diff(tree.term_start)) / of_term
-    of_leaf_weight = np.repeat(1 / spread[tree.leaf_feature], tree.value.shape[1])
-    return np.concatenate(
-        [of_sum, of_weight[has_free_weight(tree)], np.ones(tree.value.size), of_leaf_weight]
-    )
+    of_value = np.ones(tree.value.shape[1]) if action_spread is None else action_spread
+    of_values = np.broadcast_to(of_value, tree.value.shape).reshape(-1)
+    of_leaf_weight = (of_value / spread[tree.leaf_feature][:, np.newaxis]).reshape(-1)
+    return np.concatenate([of_sum, of_weight[has_free_weight(tree)], of_values, of_leaf_weight])

@@ -240,19 +240,19 @@ class DecisionTree:
             )
         return DecisionTree.unchecked(self.arrays._replace(action=numbers))
 
-    def parameter_units(self, spread: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a natural step of each parameter.
+    def parameter_units(
+        self, spread: NDArray[np.float64], action_spread: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return a natural step of each parameter, [N], above 0.
 
-        A threshold's step is how far its sum spreads (for one term of weight 1: its feature), if features spread
-        independently. A weight's step moves its sum as far. A value's step is 1, as that of its linear terms.
+        A threshold's step is how far its sum spreads, if features spread independently; a weight's step moves the sum
+        as far. A value's step is how far it spreads itself, and the step of a linear weight moves it as far.
 
         Args:
             spread: [D] how far each feature spreads, above 0.
-
-        Returns:
-            [N], above 0, in the order of `parameters`.
+            action_spread: [A] likewise each value, as in `Names.action_spread`; None: 1.
         """
-        return units_of(self.arrays, spread)
+        return units_of(self.arrays, spread, action_spread)
 
     def split_visits(self, leaf_visits: ArrayLike) -> NDArray[np.int64]:
         """Return how often each split is visited, [M], from the visits of leaves, [L]."""

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from ge_torchrl.trees.controller import Controller, Names
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -81,6 +83,7 @@ WIDE = Controller(
         kwargs={"wind": 1.5, "map": {"b": 1, "a": [2]}},
         wrappers=("gymnasium.wrappers:FlattenObservation",),
         max_episode_steps=200,
+        action_bounds=((-1.0, 1.0), (-0.1, np.inf)),
     ),
 )
 """A controller with everything that the type has."""
@@ -88,8 +91,11 @@ WIDE = Controller(
 
 def names_for(tree: DecisionTree) -> Names:
     """Return names that a tree on 4 features fits: of 3 actions, or of as many values as its leaves hold."""
-    actions = ("force", "torque", "brake")
-    return replace(WIDE.names, actions=actions if tree.has_actions else actions[: tree.value.shape[1]])
+    actions, bounds = ("force", "torque", "brake"), (*WIDE.names.action_bounds, (-np.inf, np.inf))
+    if tree.has_actions:
+        return replace(WIDE.names, actions=actions, action_bounds=())
+    n_values = tree.value.shape[1]
+    return replace(WIDE.names, actions=actions[:n_values], action_bounds=bounds[:n_values])
 
 
 WIDE_TEXT = """\
@@ -102,7 +108,8 @@ WIDE_TEXT = """\
     "max_episode_steps": 200,
     "features": ["x", "x_dot", "theta", "theta_dot"],
     "units": ["m", "m/s", "m", "rad/s"],
-    "actions": ["force", "torque"]
+    "actions": ["force", "torque"],
+    "action_bounds": [[-1.0, 1.0], [-0.1, null]]
   },
   "splits": [
     {"terms": [{"feature": 0, "weight": 2.0}, {"feature": 2, "weight": -0.5}], "threshold": 0.25, "left": -1, "right": -2}

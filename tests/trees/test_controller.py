@@ -20,14 +20,29 @@ leaf, split = DecisionTree.leaf, DecisionTree.split
 def test_a_controller_answers_as_its_tree(data, tree):
     controller = Controller(tree, names_for(tree))
     for row in data.draw(observations(tree)):
-        assert np.array_equal(controller(row), tree.decide(row[np.newaxis])[0], equal_nan=True)
+        answer = tree.decide(row[np.newaxis])[0]
+        if not tree.has_actions:
+            answer = np.clip(answer, *np.float32(controller.names.action_bounds).T)
+        assert np.array_equal(controller(row), answer, equal_nan=True)
+
+
+def test_values_are_clipped_to_the_bounds_of_actions_where_there_are_any():
+    names = replace(WIDE.names, action_bounds=((-2.0, 0.1), (-math.inf, 3.0)))
+    controller = Controller(DecisionTree.value_leaf([0.0, 0.0], {0: [1.0, 1.0]}), names)
+    assert controller([1, 0, 0, 0]).tolist() == [float(np.float32(0.1)), 1.0]
+    assert controller([-5, 0, 0, 0]).tolist() == [-2.0, -5.0]
+    assert controller([math.inf, 0, 0, 0]).tolist() == [float(np.float32(0.1)), 3.0]
+    assert controller([1, 0, 0, 0]).dtype == np.float32
+    unbounded = Controller(controller.tree, replace(names, action_bounds=()))
+    assert unbounded([-5, 0, 0, 0]).tolist() == [-5.0, -5.0]
+    assert unbounded([-5, 0, 0, 0]).flags.writeable
 
 
 def test_an_action_is_a_plain_number_whatever_the_observation_is_made_of():
     assert type(CONTROLLER([0, 0, 0, 0])) is int
     assert CONTROLLER(np.zeros(4)) == 0
     assert CONTROLLER((0.0, 0.0, 1e300, 0.0)) == 1
-    assert WIDE([1.0, 0.0, 0.0, 0.0]).tolist() == [0.0, -1.0]
+    assert WIDE([1.0, 0.0, 0.0, 0.0]).tolist() == np.float32([0.0, -0.1]).tolist()
 
 
 @pytest.mark.parametrize("observation", [[0.0] * 3, [[0.0] * 4], 0.0])
@@ -72,11 +87,30 @@ def test_a_tree_that_the_environment_cannot_run_is_refused_at_birth(tree, messag
         ({"features": (), "units": ()}, r"environment\.features: expected at least one name"),
         ({"actions": ()}, r"environment\.actions: expected at least one name"),
         ({"max_episode_steps": 0}, r"environment\.max_episode_steps: expected at least 1"),
+        ({"action_bounds": ((0.0, 1.0),)}, r"environment\.action_bounds: .* each of the 2 actions .* got 1"),
+        (
+            {"action_bounds": ((0.0, 1.0), (1.0, 0.0))},
+            r"environment\.action_bounds\[1\]: .* got 1\.0 and 0\.0",
+        ),
+        ({"action_bounds": ((math.nan, 1.0), (0.0, 1.0))}, r"action_bounds\[0\]: .* got nan and 1\.0"),
+        ({"action_bounds": ((math.inf, math.inf), (0.0, 1.0))}, r"action_bounds\[0\]: .* got inf and inf"),
     ],
 )
 def test_names_that_name_nothing_are_refused(changes, message):
     with pytest.raises(InvalidTreeError, match=message):
         replace(NAMES, **changes)
+
+
+def test_a_value_spreads_over_half_of_its_range():
+    names = replace(WIDE.names, action_bounds=((-2.0, 3.0), (-math.inf, 3.0)))
+    assert names.action_spread.tolist() == [2.5, 1.0]
+    assert replace(names, action_bounds=((1.0, 1.0), (0.0, 8.0))).action_spread.tolist() == [1.0, 4.0]
+    assert NAMES.action_spread.tolist() == [1.0, 1.0]
+
+
+def test_a_choice_is_no_answer_within_bounds():
+    with pytest.raises(InvalidTreeError, match=r"leaves\[0\]\.action: Somewhere-v0 takes 2 values within"):
+        Controller(leaf(0), WIDE.names)
 
 
 def test_provenance_is_copied_and_counts_in_equality():

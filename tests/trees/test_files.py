@@ -1,6 +1,7 @@
 import contextlib
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,14 @@ finite_json_values = st.recursive(
 def test_a_controller_and_its_text(controller, text):
     assert to_json(controller) == text
     assert from_json(text) == controller
+
+
+def test_a_file_from_before_there_were_bounds_is_read_without_any():
+    content = json.loads(WIDE_TEXT)
+    del content["environment"]["action_bounds"]
+    controller = from_json(json.dumps(content))
+    assert controller == replace(WIDE, names=replace(WIDE.names, action_bounds=()))
+    assert json.loads(to_json(controller)) == content
 
 
 def test_no_provenance_is_an_empty_object():
@@ -108,11 +117,12 @@ def test_any_value_anywhere_is_read_as_it_is_or_refused(text, data, value):
 
 
 def rounded(value):
-    """The value with the numbers of the tree as float32."""
-    content = json.loads(
-        json.dumps({key: value[key] for key in ("splits", "leaves")}), parse_float=np.float32
-    )
-    return {**value, **content}
+    """The value with the numbers of the tree and the bounds as float32; no bounds are as good as none."""
+    environment = value["environment"]
+    content = {key: value[key] for key in ("splits", "leaves")} | {"bounds": environment.get("action_bounds")}
+    content = json.loads(json.dumps(content), parse_float=np.float32)
+    bounds = content.pop("bounds") or []
+    return {**value, **content, "environment": {**environment, "action_bounds": bounds}}
 
 
 @given(st.integers(0, len(TEXT)), st.integers(0, len(TEXT)), st.text(max_size=3))

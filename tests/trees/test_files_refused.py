@@ -36,8 +36,9 @@ def keys_of_objects(content):
 
 @pytest.mark.parametrize("path", list(keys_of_objects(json.loads(WIDE_TEXT))), ids=str)
 def test_a_missing_or_unknown_key_is_refused_by_name(path):
-    with pytest.raises(InvalidTreeError, match=rf"best.json: .*{path[-1]}: expected"):
-        from_json(json.dumps(removed(json.loads(WIDE_TEXT), path)), "best.json")
+    if path[-1] != "action_bounds":
+        with pytest.raises(InvalidTreeError, match=rf"best.json: .*{path[-1]}: expected"):
+            from_json(json.dumps(removed(json.loads(WIDE_TEXT), path)), "best.json")
     with pytest.raises(InvalidTreeError, match="'extra': not a key of"):
         from_json(json.dumps(replaced(json.loads(WIDE_TEXT), (*path[:-1], "extra"), 0)))
 
@@ -49,6 +50,7 @@ def removed(value, path):
 
 
 S0, S1, L0 = ("splits", 0), ("splits", 1), ("leaves", 0)
+BOUNDS = ("environment", "action_bounds")
 LINEAR = ("leaves", 0, "linear", 0)
 
 
@@ -195,7 +197,22 @@ def test_a_wrong_value_is_refused_with_its_key(path, value, message):
             r"linear\[0\].weights: expected 2 numbers, as leaves\[0\].value has, got 1",
         ),
         ((*LINEAR, "weights"), [1.0, 10**400], r"linear\[0\].weights\[1\]: expected a finite .* got 1000"),
-        (("environment", "actions"), ["force"], r"leaves\[0\].value: Somewhere-v0 takes 1 values, not 2"),
+        (
+            ("environment", "actions"),
+            ["force"],
+            "environment.action_bounds: .* each of the 1 actions .* got 2",
+        ),
+        (BOUNDS, {}, "environment.action_bounds: expected an array, got {}"),
+        (BOUNDS, [[0, 1]], "environment.action_bounds: .* each of the 2 actions .* got 1"),
+        ((*BOUNDS, 1), 3, r"environment.action_bounds\[1\]: expected an array, got 3"),
+        ((*BOUNDS, 1), [0], r"action_bounds\[1\]: expected the least and the greatest value, got \[0\]"),
+        ((*BOUNDS, 0), ["0", 1], r"action_bounds\[0\]\[0\]: expected a finite float32 number, got '0'"),
+        ((*BOUNDS, 0), [0, math.inf], r"action_bounds\[0\]\[1\]: expected a finite .* got inf"),
+        (
+            (*BOUNDS, 0),
+            [1, 0],
+            r"action_bounds\[0\]: expected a least and a greatest value, .* got 1.0 and 0",
+        ),
         (("leaves", 1), {"action": 0}, r"leaves\[1\].value: expected in leaves\[1\], but it is missing"),
     ],
 )

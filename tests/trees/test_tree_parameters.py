@@ -3,7 +3,7 @@ import pytest
 from arrays_for_tests import TREE
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import any_trees, float32s, weighted_trees
+from strategies import any_trees, float32s
 
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.tree import DecisionTree
@@ -48,11 +48,13 @@ def test_parameters_stand_in_their_order():
     of_sum = np.hypot(2 * 4, 3 * 0.5)
     expected = [of_sum, 4.0, of_sum / 4, of_sum / 0.5, *[1.0] * 6, 0.5, 0.5]
     assert tree.parameter_units(spread) == pytest.approx(expected)
+    expected[4:] = [*[3.0, 5.0] * 3, 3.0 / 2, 5.0 / 2]
+    assert tree.parameter_units(spread, np.array([3.0, 5.0])) == pytest.approx(expected)
 
 
-@given(weighted_trees())
+@given(any_trees())
 def test_every_parameter_has_a_step(tree):
-    units = tree.parameter_units(np.array([0.5, 1.0, 2.0, 4.0]))
+    units = tree.parameter_units(np.array([0.5, 1.0, 2.0, 4.0]), np.ones(tree.value.shape[1]))
     assert units.shape == tree.parameters.shape
     assert (units > 0).all()
 
