@@ -73,7 +73,12 @@ class GrammarConfig(Section):
 
     SECTION: ClassVar[str] = "grammar"
 
-    bnf: str = setting(doc="Its rules in Backus-Naur form.", text="rules in Backus-Naur form")
+    bnf: str | None = setting(
+        None,
+        doc="Its rules in Backus-Naur form; null makes them for the environment, from what its features are in play. "
+        "The run's `config.yaml` holds what was made.",
+        text="rules in Backus-Naur form",
+    )
     name: str = setting("own", doc="What reports call it.", text="the name of the grammar")
 
 

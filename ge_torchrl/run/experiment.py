@@ -101,7 +101,7 @@ class _Run:
     ) -> None:
         given = planned.config.evaluation.steps_per_second
         self.config = planned.config.resolved(backend.steps_per_second if given is None else given)
-        self.names = planned.spec.names
+        self.names, self.notes = planned.spec.names, planned.notes
         self.console, self.started = console, started
         self.folder = RunFolder.create(output_dir, self.config)
         self.backend = backend
@@ -123,6 +123,8 @@ class _Run:
         )
         with ExitStack() as opened:
             opened.enter_context(_warnings_told(self.warnings, console))
+            for note in self.notes:
+                _logger.warning("%s", note)
             self.history = opened.enter_context(self.folder.history_writer())
             if self.problem.refiner is not None:
                 self.refinements = opened.enter_context(self.folder.refinements_writer())

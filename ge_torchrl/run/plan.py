@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
+from ge_torchrl.environments.kernel_backend import has_kernel
+from ge_torchrl.environments.probing import obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
 from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
+
+_GENERATED = "generated"
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,29 +22,83 @@ class Plan:
     """What a run is to do.
 
     Attributes:
-        config: The configuration.
+        config: The configuration, with the grammar and the episode limit that were made for the environment.
         spec: The environment.
         tables: The compiled grammar.
+        notes: What the user should know of the environment, a line each.
     """
 
     config: Config
     spec: EnvironmentSpec
     tables: RuleTables
+    notes: tuple[str, ...] = ()
 
 
 def plan(config: Config) -> Plan:
     """Check what a configuration promises: that the environment exists and fits, and that the grammar is one.
 
+    Where no grammar is given, one is made of what the features are in play. An environment without an episode limit
+    gets one.
+
     Raises:
         EnvironmentFaultError: The environment is unknown or unsuitable, or has no such route.
         GrammarError: The grammar text breaks a rule.
     """
-    env = config.env
-    spec = describe_settings(env)
-    if env.route == "kernel":
-        open_backend(spec, env.route, threads=1).close()
+    spec = describe_settings(config.env)
+    if config.env.route == "kernel":
+        open_backend(spec, config.env.route, threads=1).close()
+    notes = [] if has_kernel(spec) or obeys_seeds(spec) else [ignores_seeds(spec)]
+    if not spec.has_limit:
+        config = replace(config, env=replace(config.env, max_episode_steps=probe(spec).limit))
+        notes.append(limit_given(spec, config.env.max_episode_steps or 0))
+        spec = describe_settings(config.env)
+    if config.grammar.bnf is None:
+        config = replace(
+            config, grammar=replace(config.grammar, bnf=generated_grammar(spec), name=_GENERATED)
+        )
     try:
-        tables = compile_rules(read_grammar(config.grammar.bnf, spec.names.features, spec.names.actions))
+        tables = compile_rules(
+            read_grammar(config.grammar.bnf or "", spec.names.features, spec.names.actions)
+        )
     except GrammarError as error:
         raise GrammarError(f"grammar.bnf, {error}") from error
-    return Plan(config, spec, tables)
+    return Plan(config, spec, tables, tuple(notes))
+
+
+def generated_grammar(spec: EnvironmentSpec) -> str:
+    """Return the rules of a grammar for an environment."""
+    if spec.is_continuous:
+        raise GrammarError(
+            f"grammar.bnf has to be given where actions are continuous, as those of {spec.id} are"
+        )
+    tests = [
+        f"lt({name}, [{low:.12g}, {high:.12g}] step {_step(low, high):.12g})"
+        for name, (low, high) in zip(spec.names.features, probe(spec).ranges, strict=True)
+    ]
+    return (
+        "<dt>        ::= <if>\n"
+        "<if>        ::= if <condition> then <action> else <action>\n"
+        f"<condition> ::= {' | '.join(tests)}\n"
+        "<action>    ::= <leaf> | <if>\n"
+        f"<leaf>      ::= {' | '.join(spec.names.actions)}\n"
+    )
+
+
+def _step(low: float, high: float) -> float:
+    return 10.0 ** math.floor(math.log10((high - low) / 300))
+
+
+def ignores_seeds(spec: EnvironmentSpec) -> str:
+    """Return what is to be said of an environment whose episodes do not follow from their seeds."""
+    return (
+        f"{spec.id} ignores reset(seed=...): the same seed gives another episode each time, so trees are not "
+        "compared on common episodes, and a run cannot be repeated."
+    )
+
+
+def limit_given(spec: EnvironmentSpec, limit: int) -> str:
+    """Return what is to be said of an environment that was given an episode limit."""
+    return (
+        f"{spec.id} sets no episode limit: its episodes are truncated after {limit} steps "
+        "(env.max_episode_steps sets another limit)."
+    )

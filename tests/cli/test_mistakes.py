@@ -40,7 +40,6 @@ CONF = ROOT / "conf"
             "env.route must be one of auto, kernel, gymnasium; got 'compiled'; compiled is now",
         ),
         (["env=default"], "env.id has no value; expected a Gymnasium id such as CartPole-v1; got nothing"),
-        (["env=default", "env.id=A-v0"], "grammar.bnf has no value; expected rules in Backus-Naur form"),
         (
             ["ge.populaton_size=3"],
             "ge.populaton_size is unknown; expected a key of a run, such as ge.population_size",

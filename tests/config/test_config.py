@@ -119,10 +119,9 @@ def test_mapping_goes_there_and_back_through_yaml():
     assert Config.from_mapping(yaml.safe_load(text)) == config
 
 
-@pytest.mark.parametrize(("section", "key"), [("env", "id"), ("grammar", "bnf")])
-def test_missing_section_is_reported_by_the_key_that_has_no_default(section, key):
-    values = {name: value for name, value in VALUES.items() if name != section}
-    with pytest.raises(ConfigError, match=rf"^{section}\.{key} has no value; expected .*; got nothing$"):
+def test_missing_section_is_reported_by_the_key_that_has_no_default():
+    values = {name: value for name, value in VALUES.items() if name != "env"}
+    with pytest.raises(ConfigError, match=r"^env\.id has no value; expected .*; got nothing$"):
         Config.from_mapping(values)
 
 

@@ -93,7 +93,7 @@ from ge_torchrl.errors import ConfigError
         ),
         ("env", "max_episode_steps", 0, "env.max_episode_steps must be an integer of at least 1 or null"),
         ("env", "workers", -1, "env.workers must be an integer from 0 to 1024"),
-        ("grammar", "bnf", "", "grammar.bnf must be rules in Backus-Naur form; got ''"),
+        ("grammar", "bnf", "", "grammar.bnf must be rules in Backus-Naur form or null; got ''"),
         ("grammar", "name", 3, "grammar.name must be the name of the grammar; got 3"),
         ("evaluation", "episodes", 0, "evaluation.episodes must be an integer from 1 to 1000000"),
         (

@@ -1,6 +1,6 @@
 import gymnasium as gym
 import pytest
-from environments_for_tests import CountdownEnv
+from environments_for_tests import CountdownEnv, EndlessEnv, UnseededEnv, register
 from problems_for_tests import BNF, FEATURES, config_of
 
 from ge_torchrl.errors import EnvironmentFaultError, GrammarError
@@ -25,9 +25,9 @@ def test_a_plan_knows_the_environment_and_its_grammar():
     [
         ({"env": {"id": "NoSuchThing-v0"}}, EnvironmentFaultError, "NoSuchThing"),
         (
-            {"env": {"id": "Pendulum-v1", "features": (), "units": (), "actions": ()}},
+            {"env": {"id": "FrozenLake-v1", "features": (), "units": (), "actions": ()}},
             EnvironmentFaultError,
-            "Discrete",
+            "flat Box",
         ),
         ({"env": {"features": ("x", "y"), "units": ("", "")}}, EnvironmentFaultError, "4 features"),
         (
@@ -59,3 +59,37 @@ def test_a_kernel_is_refused_where_there_is_none(countdown):
     with pytest.raises(EnvironmentFaultError, match=r"env\.route=kernel"):
         plan(config_of(env={**countdown, "route": "kernel"}, grammar=grammar))
     plan(config_of(env={"route": "kernel"}))
+
+
+def any_environment(environment_id, **settings):
+    return config_of(
+        env={"id": environment_id, "features": (), "units": (), "actions": (), **settings},
+        grammar={"bnf": None},
+    )
+
+
+@pytest.mark.parametrize("environment_id", ["CartPole-v1", "MountainCar-v0"])
+def test_a_grammar_is_made_where_none_is_given_and_the_configuration_holds_it(environment_id):
+    planned = plan(any_environment(environment_id))
+    assert planned.config.grammar.name == "generated"
+    again = plan(planned.config)
+    assert again.config is planned.config
+    assert again.tables.grammar == planned.tables.grammar
+    assert plan(any_environment(environment_id)).config == planned.config
+
+
+def test_an_environment_without_a_limit_gets_one_and_a_word_about_it():
+    planned = plan(any_environment(register(EndlessEnv)))
+    assert planned.config.env.max_episode_steps == planned.spec.names.max_episode_steps == 1000
+    (note,) = planned.notes
+    assert note == (
+        "TestEndlessEnv-v0 sets no episode limit: its episodes are truncated after 1000 steps "
+        "(env.max_episode_steps sets another limit)."
+    )
+    given = plan(any_environment(register(EndlessEnv), max_episode_steps=70))
+    assert (given.spec.max_episode_steps, given.notes) == (70, ())
+
+
+def test_an_environment_that_ignores_its_seeds_is_told():
+    (note,) = plan(any_environment(register(UnseededEnv), max_episode_steps=50)).notes
+    assert note.startswith("TestUnseededEnv-v0 ignores reset(seed=...)")

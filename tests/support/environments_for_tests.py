@@ -126,6 +126,23 @@ class SwitchesEnv(CountdownEnv):
     action_space = gym.spaces.MultiBinary(3)
 
 
+class UnseededEnv(WalkEnv):
+    """The walk, which begins and goes on as it likes, whatever the seed."""
+
+    def reset(self, *, seed=None, options=None):  # noqa: ARG002
+        return super().reset(options=options)
+
+
+class BreakoutEnv(CountdownEnv):
+    """Counts its steps to 40 in x0, within bounds that say nothing, and twice them in x1, beyond those it declares."""
+
+    observation_space = gym.spaces.Box(np.float32([-1e9, -1]), np.float32([1e9, 1]))
+
+    def step(self, action):
+        super().step(action)
+        return np.array([self.steps, 2 * self.steps], np.float32), 1.0, self.steps == 40, False, {}
+
+
 class SpacesEnv(gym.Env):
     """Observes and takes whatever its spaces hold; ends after three steps, and keeps its actions."""
 

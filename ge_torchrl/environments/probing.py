@@ -1,0 +1,197 @@
+"""What play shows of an environment: the range of each feature, whether episodes end, whether seeds are obeyed.
+
+Everything here depends on the environment alone, with always as many steps, so that every run of it finds the same.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.seeding import episode_seeds, stream
+
+PROBED_STEPS = 3000
+# Episodes are cut here, so that several are seen; one that did not end may well never end.
+_LONGEST_EPISODE = 500
+# Steps before trees act, whose thresholds are among what was observed.
+_BEFORE_TREES = 300
+# A random policy that holds on to its actions comes further than one that trembles.
+_NEW_ACTION_PROBABILITY = 0.1
+# An episode without a limit of its own may be so many times as long as the longest that was seen.
+_TIMES_THE_LONGEST = 10
+_SHORTEST_LIMIT, _LONGEST_LIMIT = 1000, 100_000
+# Declared bounds that are so many times as wide as what is seen tell nothing of where it lies.
+_MOST_TIMES_AS_WIDE = 4.0
+_QUANTILES = (0.005, 0.995)
+# Steps of the episode that is played twice.
+_REPEATED_STEPS = 50
+_REPEATED_SEED = 7
+
+_Policy = Callable[[NDArray[np.float32]], Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """What play showed.
+
+    Attributes:
+        ranges: (low, high) of the values that each feature takes in play, finite: the declared bounds where they are
+            true and near to what was seen, else quantiles of that.
+        seen_low: [D] float32, the smallest values seen.
+        seen_high: [D] float32, the largest.
+        outside: A value of each feature that was seen outside its declared bounds.
+        longest: Steps of the longest episode.
+        ended: Whether every episode ended before it was cut.
+    """
+
+    ranges: tuple[tuple[float, float], ...]
+    seen_low: NDArray[np.float32]
+    seen_high: NDArray[np.float32]
+    outside: dict[int, float]
+    longest: int
+    ended: bool
+
+    @property
+    def limit(self) -> int:
+        """An episode limit for an environment that has none."""
+        limit = self.longest * _TIMES_THE_LONGEST if self.ended else _SHORTEST_LIMIT
+        return min(max(limit, _SHORTEST_LIMIT), _LONGEST_LIMIT)
+
+
+_probes: dict[str, Probe] = {}
+
+
+def probe(spec: EnvironmentSpec) -> Probe:
+    """Act at random, then by small random trees, and return what was seen; done once in a process.
+
+    Raises:
+        EnvironmentFaultError: The environment is at fault.
+    """
+    names = spec.names
+    made = json.dumps([names.id, names.kwargs, names.wrappers, names.max_episode_steps], sort_keys=True)
+    if made not in _probes:
+        _probes[made] = _play(spec)
+    return _probes[made]
+
+
+def obeys_seeds(spec: EnvironmentSpec) -> bool:
+    """Tell whether the same seed gives the same episode twice, the same actions taken.
+
+    Raises:
+        EnvironmentFaultError: The environment is at fault.
+    """
+    with closing(Border(spec, Witness(spec))) as border:
+        first, second = _episode(border, spec), _episode(border, spec)
+    return first == second
+
+
+def _episode(border: Border, spec: EnvironmentSpec) -> list[Any]:
+    rng = stream(0, "the actions of an episode that is played twice")
+    told: list[Any] = [border.reset(_REPEATED_SEED)]
+    for _ in range(_REPEATED_STEPS):
+        outcome = border.step(_random_action(spec, rng))
+        told.append(outcome)
+        if outcome[2] or outcome[3]:
+            break
+    return told
+
+
+def _play(spec: EnvironmentSpec) -> Probe:
+    rng, witness = stream(0, "probe of the environment"), Witness(spec)
+    seeds = iter(episode_seeds("training", PROBED_STEPS, stream(0, "episodes of the probe")).tolist())
+    seen: list[NDArray[np.float32]] = []
+    lengths, ended_all, episode = [0], True, 0
+    with closing(Border(spec, witness)) as border:
+        while len(seen) < PROBED_STEPS:
+            border.reset(next(seeds))
+            seen.append(border.array.copy())
+            policy = _policy(episode, spec, rng, seen)
+            length, ended = 0, False
+            while not ended and length < _LONGEST_EPISODE and len(seen) < PROBED_STEPS:
+                _, _, terminated, truncated = border.step(policy(seen[-1]))
+                seen.append(border.array.copy())
+                length, ended = length + 1, terminated or truncated
+            ended_all &= ended or length < _LONGEST_EPISODE
+            lengths.append(length)
+            episode += 1
+    observed = np.array(seen[:PROBED_STEPS])
+    ranges = tuple(_range(spec, feature, column, witness) for feature, column in enumerate(observed.T))
+    return Probe(ranges, observed.min(axis=0), observed.max(axis=0), witness.outside, max(lengths), ended_all)
+
+
+def _policy(
+    episode: int, spec: EnvironmentSpec, rng: np.random.Generator, seen: list[NDArray[np.float32]]
+) -> _Policy:
+    """Return the policy of an episode: trembling, persistent or a tree, in turn."""
+    if episode % 3 == 0 or len(seen) < _BEFORE_TREES:
+        return lambda _: _random_action(spec, rng)
+    if episode % 3 == 1:
+        return _persistent(spec, rng)
+    return _tree(spec, rng, seen, 2)
+
+
+def _persistent(spec: EnvironmentSpec, rng: np.random.Generator) -> _Policy:
+    action = _random_action(spec, rng)
+
+    def act(_: NDArray[np.float32]) -> Any:
+        nonlocal action
+        if rng.random() < _NEW_ACTION_PROBABILITY:
+            action = _random_action(spec, rng)
+        return action
+
+    return act
+
+
+def _tree(
+    spec: EnvironmentSpec, rng: np.random.Generator, seen: list[NDArray[np.float32]], depth: int
+) -> _Policy:
+    if depth == 0:
+        action = _random_action(spec, rng)
+        return lambda _: action
+    feature = int(rng.integers(spec.n_features))
+    threshold = seen[int(rng.integers(len(seen)))][feature]
+    left, right = _tree(spec, rng, seen, depth - 1), _tree(spec, rng, seen, depth - 1)
+    return lambda observation: (left if observation[feature] < threshold else right)(observation)
+
+
+def _random_action(spec: EnvironmentSpec, rng: np.random.Generator) -> Any:
+    """Draw an action: between its bounds, or about 0 where it has none."""
+    if not spec.is_continuous:
+        return int(rng.integers(spec.n_actions))
+    low, high = spec.action_low, spec.action_high
+    drawn = rng.normal(size=spec.n_actions)
+    bounded = np.isfinite(low) & np.isfinite(high)
+    drawn[bounded] = rng.uniform(low[bounded].astype(np.float64), high[bounded].astype(np.float64))
+    return np.clip(drawn, low, high).astype(np.float32)
+
+
+def _range(
+    spec: EnvironmentSpec, feature: int, column: NDArray[np.float32], witness: Witness
+) -> tuple[float, float]:
+    low, high = (float(str(bound[feature])) + 0.0 for bound in (spec.low, spec.high))
+    finite = column[np.isfinite(column)].astype(np.float64)
+    if len(finite) == 0:
+        finite = np.zeros(1)
+    is_true = feature not in witness.outside and high - low < math.inf
+    span = max(float(np.ptp(finite)), 1.0 if len(np.unique(finite)) <= 2 else 0.0)
+    if is_true and high - low <= _MOST_TIMES_AS_WIDE * span:
+        return low, high
+    first, last = np.quantile(finite, _QUANTILES).tolist()
+    if first == last:
+        first, last = first - max(1.0, abs(first)) / 2, last + max(1.0, abs(last)) / 2
+    # A hundredth of the width is as exactly as quantiles of a few thousand steps are known.
+    unit = 10.0 ** math.floor(math.log10(last - first) - 1)
+    first, last = (
+        round(math.floor(first / unit) * unit, 12),
+        round(math.ceil(last / unit) * unit, 12),
+    )
+    return (max(low, first), min(high, last)) if is_true else (first, last)

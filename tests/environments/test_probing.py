@@ -1,0 +1,72 @@
+"""What play shows of an environment."""
+
+import numpy as np
+import pytest
+from environments_for_tests import (
+    BreakoutEnv,
+    CountdownEnv,
+    EndlessEnv,
+    ThrustEnv,
+    UnseededEnv,
+    WalkEnv,
+    register,
+)
+
+from ge_torchrl.environments import probing
+from ge_torchrl.environments.probing import obeys_seeds, probe
+from ge_torchrl.environments.spec import describe
+
+
+@pytest.fixture(autouse=True)
+def forgetful(monkeypatch):
+    monkeypatch.setattr(probing, "_probes", {})
+
+
+@pytest.mark.parametrize(
+    ("environment_id", "ranges"),
+    [
+        ("MountainCar-v0", ((-1.2, 0.6), (-0.07, 0.07))),
+        ("Pendulum-v1", ((-1, 1), (-1, 1), (-8, 8))),
+    ],
+)
+def test_declared_bounds_are_the_ranges_where_play_comes_near_them(environment_id, ranges):
+    assert probe(describe(environment_id)).ranges == ranges
+
+
+def test_what_is_seen_is_the_range_where_declared_bounds_say_nothing_or_are_untrue():
+    found = probe(describe(register(BreakoutEnv)))
+    (first, second) = found.ranges
+    assert first == pytest.approx((0, 40), abs=1)
+    assert second == pytest.approx((0, 80), abs=2)
+    assert found.outside.keys() == {1}
+    assert (found.seen_low.tolist(), found.seen_high.tolist()) == ([0, 0], [40, 80])
+
+
+def test_all_ranges_are_finite_and_of_some_width():
+    for environment_id in ("CartPole-v1", "Acrobot-v1", register(CountdownEnv), register(ThrustEnv)):
+        ranges = np.array(probe(describe(environment_id)).ranges)
+        assert np.isfinite(ranges).all()
+        assert (ranges[:, 0] < ranges[:, 1]).all()
+
+
+def test_the_same_is_found_every_time():
+    first = probe(describe("CartPole-v1"))
+    assert probe(describe("CartPole-v1")) is first
+    probing._probes.clear()
+    second = probe(describe("CartPole-v1"))
+    assert (second.ranges, second.longest) == (first.ranges, first.longest)
+    assert not (second.seen_low - first.seen_low).any()
+
+
+@pytest.mark.parametrize(("kind", "ended", "limit"), [(CountdownEnv, True, 1000), (EndlessEnv, False, 1000)])
+def test_an_episode_that_does_not_end_is_noticed(kind, ended, limit):
+    found = probe(describe(register(kind)))
+    assert (found.ended, found.limit) == (ended, limit)
+
+
+@pytest.mark.parametrize(
+    ("environment_id", "obeys"),
+    [("CartPole-v1", True), ("Pendulum-v1", True), (register(WalkEnv), True), (register(UnseededEnv), False)],
+)
+def test_whether_seeds_are_obeyed(environment_id, obeys):
+    assert obeys_seeds(describe(environment_id)) is obeys
