@@ -48,7 +48,7 @@ def keep_what_is_reached(trees: ForestArrays, box: Box) -> ForestArrays:
         while walking:
             while node >= 0:
                 m = trees.split_start[p] + node
-                outcome = _outcome(trees, m, box)
+                outcome = _outcome(trees, m, box, out, path, depth)
                 if outcome == _OPEN:
                     _write_split(trees, m, out, ends)
                     path.other[depth], path.left_leaf[depth] = trees.children_right[m], ends[1]
@@ -96,8 +96,8 @@ def _turn_right(out: ForestArrays, ends: NDArray[np.int64], path: _Path, depth: 
 
 
 @compiled
-def _outcome(trees: ForestArrays, m: int, box: Box) -> int:
-    """Return what split `m` says of all observations in the box, `_OPEN` where that is not known.
+def _outcome(trees: ForestArrays, m: int, box: Box, out: ForestArrays, path: _Path, depth: int) -> int:
+    """Return what split `m` says of all observations that come to it, `_OPEN` where that is not known.
 
     The lower end of a feature's interval always belongs to it, so a split on one feature is open exactly where
     `least < threshold < bound`: the least value goes left, the threshold itself right.
@@ -108,7 +108,29 @@ def _outcome(trees: ForestArrays, m: int, box: Box) -> int:
         if not box.least[f] < t:
             return _FALSE
         return _OPEN if t < box.bound[f] else _TRUE
-    return _outcome_of_sum(trees, m, box)
+    outcome = _outcome_of_sum(trees, m, box)
+    for above in range(depth):
+        row = path.row[above]
+        if outcome == _OPEN and _have_same_terms(trees, m, out, row):
+            # What is not below a threshold is not below a lower one either, NaN included.
+            if path.in_right[above] and trees.threshold[m] <= out.threshold[row]:
+                outcome = _FALSE
+            elif not path.in_right[above] and trees.threshold[m] >= out.threshold[row]:
+                outcome = _TRUE
+    return outcome
+
+
+@compiled
+def _have_same_terms(trees: ForestArrays, m: int, others: ForestArrays, n: int) -> bool:
+    first, other = trees.term_start[m], others.term_start[n]
+    n_terms = trees.term_start[m + 1] - first
+    if others.term_start[n + 1] - other != n_terms:
+        return False
+    for i in range(n_terms):
+        k, j = first + i, other + i
+        if trees.feature[k] != others.feature[j] or trees.weight[k] != others.weight[j]:
+            return False
+    return True
 
 
 @compiled
@@ -184,6 +206,8 @@ def _outcome_of_sum(trees: ForestArrays, m: int, box: Box) -> int:
     least, greatest = 0.0, 0.0
     for k in range(trees.term_start[m], trees.term_start[m + 1]):
         f, w = trees.feature[k], np.float64(trees.weight[k])
+        if w == 0.0:
+            continue
         is_narrowed = box.bound[f] <= box.greatest[f] and box.bound[f] < np.inf
         top = np.nextafter(box.bound[f], np.float32(-np.inf)) if is_narrowed else box.greatest[f]
         one_end, other_end = w * np.float64(box.least[f]), w * np.float64(top)
@@ -209,19 +233,14 @@ def _are_halves_equal(out: ForestArrays, ends: NDArray[np.int64], path: _Path, d
             return False
     for m in range(row + 1, right_split):
         n = m + n_splits
-        n_terms = out.term_start[m + 1] - out.term_start[m]
         # Depth first, left children alone fix the shape.
         child = out.children_left[m] + (n_splits if out.children_left[m] >= 0 else -n_leaves)
         if (
             out.threshold[m] != out.threshold[n]
             or out.children_left[n] != child
-            or out.term_start[n + 1] - out.term_start[n] != n_terms
+            or not _have_same_terms(out, m, out, n)
         ):
             return False
-        for i in range(n_terms):
-            k, j = out.term_start[m] + i, out.term_start[n] + i
-            if out.feature[k] != out.feature[j] or out.weight[k] != out.weight[j]:
-                return False
     return True
 
 

@@ -10,6 +10,7 @@ from ge_torchrl.trees.arrays import ForestArrays, IntArray, LeafArrays, TreeArra
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.reachable import Box, keep_what_is_reached
 from ge_torchrl.trees.stacking import leaves_taken
+from ge_torchrl.trees.tidying import tidied
 from ge_torchrl.trees.tree import DecisionTree
 
 
@@ -67,10 +68,11 @@ def simplify_tree(tree: DecisionTree, low: ArrayLike, high: ArrayLike) -> Decisi
 def simplify(forest: Forest, low: ArrayLike, high: ArrayLike) -> Forest:
     """Return the trees without what no observation can reach and without splits between equal subtrees.
 
-    The observations are the float32 vectors with `low <= observation <= high`. On each of them a tree chooses
-    what it chose before; a second pass changes nothing. Where splits compare one feature, every leaf that remains
-    is chosen for some observation. A split on a sum goes only where the sum, by its terms one by one, is never on
-    one side of the threshold.
+    The observations are the float32 vectors with `low <= observation <= high`, finite ones where there are weights.
+    On each of them a tree answers what it answered before; a second pass changes nothing. Where splits compare one
+    feature, every leaf that remains is chosen for some observation. A split on a sum goes only where the sum, by its
+    terms one by one, is never on one side of the threshold, or where the path has compared the same sum before.
+    Sums lose what they do not need, as `tidied` says.
 
     Args:
         forest: `P` individuals, some of them possibly without a tree.
@@ -95,12 +97,15 @@ def simplify(forest: Forest, low: ArrayLike, high: ArrayLike) -> Forest:
     with np.errstate(over="ignore"):
         ceiling = np.nextafter(greatest, np.float32(np.inf))
     box = Box(least, ceiling, greatest)
+    arrays = forest.arrays
+    if not forest.is_axis_aligned or len(arrays.leaf_feature) > 0:
+        arrays = tidied(arrays)
     if forest.has_actions:
-        return Forest(keep_what_is_reached(forest.arrays, box))
+        return Forest(keep_what_is_reached(arrays, box))
     # Leaves with values stand as actions meanwhile: one number for equal leaves.
-    as_actions = LeafArrays.of_actions(_kinds_of_leaves(forest.arrays))
-    kept = keep_what_is_reached(forest.arrays._replace(**as_actions._asdict()), box)
-    return Forest(kept._replace(**leaves_taken(forest.arrays, kept.action.astype(np.int64))._asdict()))
+    as_actions = LeafArrays.of_actions(_kinds_of_leaves(arrays))
+    kept = keep_what_is_reached(arrays._replace(**as_actions._asdict()), box)
+    return Forest(kept._replace(**leaves_taken(arrays, kept.action.astype(np.int64))._asdict()))
 
 
 def _kinds_of_leaves(arrays: TreeArrays | ForestArrays) -> IntArray:
