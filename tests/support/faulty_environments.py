@@ -8,13 +8,20 @@ import numpy as np
 from environments_for_tests import CountdownEnv, WalkEnv
 
 
-class RaisingEnv(CountdownEnv):
-    """Raises in its third step."""
+class FailingEnv(CountdownEnv):
+    """Fails in its third step, each subclass in its own way."""
 
     def step(self, action):
         if self.steps == 2:
-            raise RuntimeError("the motor\nis on fire")
+            self.fail()
         return super().step(action)
+
+
+class RaisingEnv(FailingEnv):
+    """Raises in its third step."""
+
+    def fail(self):
+        raise RuntimeError("the motor\nis on fire")
 
 
 class RaisingInResetEnv(CountdownEnv):
@@ -24,13 +31,11 @@ class RaisingInResetEnv(CountdownEnv):
         raise RuntimeError("no fuel")
 
 
-class LeavingEnv(CountdownEnv):
+class LeavingEnv(FailingEnv):
     """Ends the program in its third step."""
 
-    def step(self, action):
-        if self.steps == 2:
-            raise SystemExit("licence expired")
-        return super().step(action)
+    def fail(self):
+        raise SystemExit("licence expired")
 
 
 class LeavingInResetEnv(CountdownEnv):
