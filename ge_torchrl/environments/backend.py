@@ -76,14 +76,14 @@ class Trajectory:
 
     Attributes:
         observations: [T + 1, D] float32, from the reset to what the last step gave.
-        actions: [T] int64.
+        actions: [T] int64; [T, A] float32 where an action is values, as the environment was given them.
         rewards: [T] float64.
         terminated: Whether the task ended the episode.
         truncated: Whether the episode reached its limit.
     """
 
     observations: NDArray[np.float32]
-    actions: NDArray[np.int64]
+    actions: NDArray[Any]
     rewards: NDArray[np.float64]
     terminated: bool
     truncated: bool

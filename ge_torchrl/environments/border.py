@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,10 @@ _LARGEST = float(np.finfo(np.float32).max)
 # Floats, integers, unsigned ones, Booleans.
 _KINDS_OF_NUMBERS = "fiub"
 _SCALARS = (int, np.float64, np.float32)
+
+
+# A number, counted from 0, or the entries of a continuous action, [A].
+Action: TypeAlias = int | list[float]
 
 
 class Witness:
@@ -100,6 +104,7 @@ class Border:
     Attributes:
         array: [D] float32, the last observation; may be the environment's own array, so it is to be copied.
         step_number: Steps since the reset.
+        action_bounds: [A] what the entries of a continuous action are cut to.
     """
 
     def __init__(self, spec: EnvironmentSpec, witness: Witness) -> None:
@@ -108,9 +113,14 @@ class Border:
         self._environment = make_gymnasium(spec)
         self._lean_step, self._lean_reset, self._limit = lean(self._environment, spec.max_episode_steps)
         self._first_action = spec.first_action
+        self._is_continuous = spec.is_continuous
+        # What no float32 can hold is cut too.
+        low, high = (np.clip(bound, -_LARGEST, _LARGEST) for bound in (spec.action_low, spec.action_high))
+        self.action_bounds: list[tuple[float, float]] = list(zip(low.tolist(), high.tolist(), strict=True))
+        self._action_type = self._environment.action_space.dtype
         self._shape = (spec.n_features,)
         self._seed = 0
-        self._action: int | None = None
+        self._action: Any = None
         self.step_number = 0
         self.array = np.zeros(self._shape, np.float32)
 
@@ -134,8 +144,17 @@ class Border:
         self._note(values)
         return values
 
-    def step(self, action: int) -> tuple[list[float], float, bool, bool]:
-        """Take an action, counted from 0.
+    def draw(self, rng: np.random.Generator) -> Action:
+        """Return a random action, uniform; normal in an entry that has no bounds."""
+        if not self._is_continuous:
+            return int(rng.integers(self._spec.n_actions))
+        return [
+            float(rng.normal() if high - low >= _LARGEST else rng.uniform(low, high))
+            for low, high in self.action_bounds
+        ]
+
+    def step(self, action: Action) -> tuple[list[float], float, bool, bool]:
+        """Take an action: its number, counted from 0, or its entries [A], which are cut to their bounds.
 
         Returns:
             The observation [D], the reward, whether the task ended the episode, whether its limit did.
@@ -145,8 +164,9 @@ class Border:
         """
         # One function, without calls of our own: its cost is that of every step of every episode.
         self._action = action
+        given: Any = self._array_of(action) if self._is_continuous else action + self._first_action  # type: ignore[arg-type, operator]
         try:
-            observation, reward, terminated, truncated, _ = self._lean_step(action + self._first_action)
+            observation, reward, terminated, truncated, _ = self._lean_step(given)
         except FAULTS as error:
             raise self._fault(f"raised {error!r}") from error
         number = reward if type(reward) is float else self._number(reward)
@@ -174,6 +194,17 @@ class Border:
     def close(self) -> None:
         """Close the environment."""
         self._environment.close()
+
+    def _array_of(self, action: list[float]) -> NDArray[Any]:
+        # The bounds are float32: to round first would give the same. Environments keep and change what they are given,
+        # so it is a new array each time.
+        cut = [
+            low if entry < low else high if entry > high else entry  # noqa: FURB136 (a call costs more)
+            for entry, (low, high) in zip(action, self.action_bounds, strict=True)
+        ]
+        self._action = cut
+        array = np.array(cut, np.float32)
+        return array if self._action_type is _FLOAT32 else array.astype(self._action_type)
 
     def _note(self, values: list[float]) -> None:
         if any(math.isnan(value) for value in values):
@@ -207,8 +238,14 @@ class Border:
     def _fault(self, what: str) -> EnvironmentFaultError:
         where = f"episode seed {self._seed}, step {self.step_number}"
         if self._action is not None:
-            where += f", action {self._action} ({self._spec.names.actions[self._action]})"
+            where += f", action {self._told(self._action)}"
         return EnvironmentFaultError(f"env.id={self._spec.id} {what}; {where}")
+
+    def _told(self, action: Any) -> str:
+        names = self._spec.names.actions
+        if not self._is_continuous:
+            return f"{action} ({names[action]})"
+        return ", ".join(f"{name} = {entry:g}" for name, entry in zip(names, action, strict=True))
 
 
 def _short(value: Any) -> str:

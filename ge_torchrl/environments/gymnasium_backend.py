@@ -1,4 +1,4 @@
-"""The Gymnasium backend: any environment with a flat Box observation and Discrete actions, in worker processes."""
+"""The Gymnasium backend: any environment that a tree can act in, stepped in worker processes."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class GymnasiumBackend(Accountable):
             if ended:
                 border.reset(next(seeds))
                 episodes += 1
-            _, _, terminated, truncated = border.step(int(rng.integers(self.spec.n_actions)))
+            _, _, terminated, truncated = border.step(border.draw(rng))
             ended = terminated or truncated
         steps_per_second = (step - _PROBED_STEPS + 1) / (time.perf_counter() - started)
         border.watched_by(self._runner.witness)

@@ -7,20 +7,21 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import Ledger, Trajectory
-from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.border import Action, Border, Witness
+from ge_torchrl.environments.plain_trees import leaves, nested, values_of, walk_sums
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.trees.forest import Forest, ForestArrays
 
 # A limit or a sign of life is looked after this often [s].
 _LOOK_SECONDS = 0.25
 # Of each step: what was observed, what was done, what it paid.
-_Diary: TypeAlias = list[tuple[list[float], int, float]]
+_Diary: TypeAlias = list[tuple[list[float], Action, float]]
 # Reading the clock costs a hundredth of a CartPole step: it is read after so long [s].
 _STRIDE_SECONDS = 0.01
 
@@ -154,9 +155,13 @@ class Runner:
         diary: _Diary = []
         player.episode(seed, diary)
         observations, actions, rewards = zip(*diary, strict=True)
+        if self.spec.is_continuous:
+            done = np.clip(np.array(actions), *np.array(self.border.action_bounds).T).astype(np.float32)
+        else:
+            done = np.array(actions, np.int64)
         return Trajectory(
             np.array([*observations, self.border.array], np.float32),
-            np.array(actions, np.int64),
+            done,
             np.array(rewards, np.float64),
             terminated=player.terminated,
             truncated=player.truncated,
@@ -198,9 +203,9 @@ class _Player:
 
     def __init__(self, border: Border, arrays: ForestArrays, tree: int, watch: Watch, pace: _Pace) -> None:
         self._border, self._watch, self._pace = border, watch, pace
-        self._root, self._is_axis_aligned = _nested(arrays, tree)
-        self._actions = arrays.action[arrays.leaf_start[tree] : arrays.leaf_start[tree + 1]].tolist()
-        self.visits = [0] * len(self._actions)
+        self._root, self._is_axis_aligned = nested(arrays, tree)
+        self._answers, self._laws = leaves(arrays, tree)
+        self.visits = [0] * len(self._answers)
         self.terminated = self.truncated = False
 
     def episode(
@@ -208,23 +213,25 @@ class _Player:
     ) -> tuple[float, int]:
         """Play an episode, or its first `n_steps` steps; return its return and length; write them down."""
         step, watch, pace = self._border.step, self._watch, self._pace
-        root, is_axis_aligned, actions, visits = self._root, self._is_axis_aligned, self._actions, self.visits
+        root, is_axis_aligned, visits = self._root, self._is_axis_aligned, self.visits
+        answers, laws = self._answers, self._laws
         observation = self._border.reset(seed)
         total, length, counted, read = 0.0, 0, 0, 0
         next_look = min(pace.stride, watch.allowance)
         ended = terminated = truncated = False
         try:
             while not ended:
-                node = root if is_axis_aligned else _walk_sums(root, observation)
+                node = root if is_axis_aligned else walk_sums(root, observation)
                 # The quickest way in Python to tell a split from a leaf, and written here: a call costs as much again.
                 while type(node) is tuple:
                     feature, threshold, left, right = node
                     node = left if observation[feature] < threshold else right
                 visits[node] += 1
                 before = observation
-                observation, reward, terminated, truncated = step(actions[node])
+                action = answers[node] if laws is None else values_of(laws[node], observation)
+                observation, reward, terminated, truncated = step(action)
                 if diary is not None:
-                    diary.append((before, actions[node], reward))
+                    diary.append((before, action, reward))
                 total += reward
                 length += 1
                 ended = terminated or truncated or length == n_steps
@@ -238,38 +245,3 @@ class _Player:
             watch.count(length - counted)
         self.terminated, self.truncated = bool(terminated), bool(truncated)
         return total, length
-
-
-def _nested(arrays: ForestArrays, tree: int) -> tuple[Any, bool]:
-    """Return a tree as nested tuples, and whether each of its splits compares one feature.
-
-    A split is (feature, threshold, left, right), a leaf its number; where splits are sums, the feature is
-    ((feature, weight), ...).
-    """
-    first, end = int(arrays.split_start[tree]), int(arrays.split_start[tree + 1])
-    splits, terms = slice(first, end), slice(int(arrays.term_start[first]), int(arrays.term_start[end]))
-    is_axis_aligned = terms.stop - terms.start == end - first and bool((arrays.weight[terms] == 1).all())
-    features: list[Any] = arrays.feature[terms].tolist()
-    if not is_axis_aligned:
-        weighted = list(zip(features, arrays.weight[terms].tolist(), strict=True))
-        starts = (arrays.term_start[first : end + 1] - terms.start).tolist()
-        features = [tuple(weighted[a:b]) for a, b in itertools.pairwise(starts)]
-    thresholds = arrays.threshold[splits].tolist()
-    left, right = arrays.children_left[splits].tolist(), arrays.children_right[splits].tolist()
-    nodes: list[Any] = [0] * (end - first)
-    # Depth first, children stand behind their parents.
-    for m in range(end - first - 1, -1, -1):
-        children = [nodes[child] if child >= 0 else ~child for child in (left[m], right[m])]
-        nodes[m] = (features[m], thresholds[m], *children)
-    return nodes[0] if nodes else 0, is_axis_aligned
-
-
-def _walk_sums(node: Any, observation: list[float]) -> int:
-    while type(node) is tuple:
-        terms, threshold, left, right = node
-        total = 0.0
-        for feature, weight in terms:
-            total += weight * observation[feature]
-        node = left if total < threshold else right
-    leaf: int = node
-    return leaf

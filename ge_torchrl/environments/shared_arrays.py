@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 
 class Arrays(NamedTuple):
-    """What is read and written side by side, in memory that processes share; [n] or [n, D]."""
+    """What is read and written side by side, in memory that processes share.
+
+    All are [n], but observations [n, D] and, where an action is numbers, actions [n, A].
+    """
 
     observations: NDArray[np.float32]
-    actions: NDArray[np.int64]
+    actions: NDArray[np.int64] | NDArray[np.float32]
     rewards: NDArray[np.float64]
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
@@ -31,15 +34,16 @@ class Memory(NamedTuple):
 
     n: int
     n_features: int
+    n_values: int
     buffers: tuple[Any, ...]
 
     @classmethod
-    def empty(cls, n: int, n_features: int) -> Memory:
-        """Return new memory for `n` copies."""
-        sizes = {"observations": n * n_features}
+    def empty(cls, n: int, n_features: int, n_values: int = 0) -> Memory:
+        """Return new memory for `n` copies, whose actions are numbers, or `n_values` floats each."""
+        sizes = {"observations": n * n_features, "actions": n * (n_values or 1)}
         types = (
             ctypes.c_float,
-            ctypes.c_int64,
+            ctypes.c_float if n_values else ctypes.c_int64,
             ctypes.c_double,
             ctypes.c_bool,
             ctypes.c_bool,
@@ -48,9 +52,18 @@ class Memory(NamedTuple):
         )
         context = multiprocessing.get_context("spawn")
         fields = zip(Arrays._fields, types, strict=True)
-        return cls(n, n_features, tuple(context.RawArray(kind, sizes.get(name, n)) for name, kind in fields))
+        return cls(
+            n,
+            n_features,
+            n_values,
+            tuple(context.RawArray(kind, sizes.get(name, n)) for name, kind in fields),
+        )
 
     def arrays(self) -> Arrays:
         """Return the arrays that lie in this memory."""
         flat = [np.frombuffer(buffer, np.dtype(buffer._type_)) for buffer in self.buffers]
-        return Arrays(flat[0].reshape(self.n, self.n_features), *flat[1:])
+        arrays = Arrays(*flat)
+        return arrays._replace(
+            observations=arrays.observations.reshape(self.n, self.n_features),
+            actions=arrays.actions.reshape(self.n, self.n_values) if self.n_values else arrays.actions,
+        )

@@ -55,6 +55,11 @@ def action_bounds(
         return ()
     if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.shape[0] and space.dtype.kind == "f":
         low, high = float32_bounds(space)
+        # A float64 bound may lie between two float32s: the environment refuses the outer one.
+        low = np.where(np.isfinite(low) & (low < space.low), np.nextafter(low, np.float32(np.inf)), low)
+        high = np.where(
+            np.isfinite(high) & (high > space.high), np.nextafter(high, np.float32(-np.inf)), high
+        )
         return tuple(zip(low.tolist(), high.tolist(), strict=True))
     raise _refusal(
         f"env.id={environment_id} must have Discrete actions, or a flat Box of floats, since a leaf holds one choice "

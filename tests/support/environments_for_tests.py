@@ -172,6 +172,34 @@ class ThrustEnv(CountdownEnv):
         return super().step(float(np.sum(action)))
 
 
+class EchoEnv(gym.Env):
+    """Observes four random numbers, keeps what it is given, and changes it; three steps of two numbers each."""
+
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (4,), np.float32)
+    action_space = gym.spaces.Box(np.float32([-1, -np.inf]), np.float32([0.3, 2]))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed, options=options)
+        self.given = []
+        return self.observe(), {}
+
+    def step(self, action):
+        assert (type(action), action.dtype, action.shape) == (np.ndarray, self.action_space.dtype, (2,))
+        assert self.action_space.contains(action)
+        self.given.append(action.copy())
+        action[:] = 7
+        return self.observe(), 0.0, len(self.given) == 3, False, {}
+
+    def observe(self):
+        return (self.np_random.normal(size=4) * 10.0 ** self.np_random.integers(-3, 4)).astype(np.float32)
+
+
+class Float64EchoEnv(EchoEnv):
+    """Takes float64."""
+
+    action_space = gym.spaces.Box(np.array([-1, -2]), np.array([0.3, np.inf]), dtype=np.float64)
+
+
 class DoubledReward(gym.Wrapper):
     """Pays twice."""
 

@@ -5,7 +5,7 @@ import time
 
 import gymnasium as gym
 import numpy as np
-from environments_for_tests import CountdownEnv, WalkEnv
+from environments_for_tests import CountdownEnv, ThrustEnv, WalkEnv
 
 
 class FailingEnv(CountdownEnv):
@@ -172,6 +172,18 @@ class LateNaNEnv(WalkEnv):
     def observe(self):
         self.seen += 1
         return super().observe() * np.float32(np.nan if self.seen == 4 else 1)
+
+
+class LateNaNThrustEnv(ThrustEnv):
+    """Takes two numbers, and observes NaN in its second step in the episode of seed 9999."""
+
+    def reset(self, *, seed=None, options=None):
+        self.is_bad = seed == 9999
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action):
+        observation, *rest = super().step(action)
+        return (observation * np.nan if self.is_bad and self.steps == 2 else observation, *rest)
 
 
 class SlowStepEnv(WalkEnv):
