@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import weighted_trees
+from strategies import any_trees, trees_of_one_kind
 
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees import edits
 from ge_torchrl.trees.edits import Neighbourhood, Split, forest_of
+from ge_torchrl.trees.nodes import end_of
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
@@ -25,26 +26,33 @@ def edited(kind, seed, tree=TREE, observed=OBSERVED):
     """Return what one kind of edit makes of a tree."""
     of = Neighbourhood(tree, observed)
     rng = np.random.default_rng(seed)
-    return assembled(edits._EDITS[kind](edits._Edit(of._nodes, of._observed, of._leaf_start, [0, 1], 3, rng)))
+    return assembled(edits.EDITS[kind](edits.Edit(of._nodes, of._observed, of._leaf_start, [0, 1], 3, rng)))
 
 
 def all_edited(kind):
     return {edited(kind, seed) for seed in range(300)}
 
 
-@given(weighted_trees(n_features=2, n_actions=3), st.integers(0, 2**32))
-def test_every_neighbour_is_a_tree(tree, seed):
+@given(any_trees(n_features=2), st.booleans(), st.booleans(), st.integers(0, 2**32))
+def test_every_neighbour_is_a_tree(tree, oblique, linear, seed):
     rng = np.random.default_rng(seed)
     observed = rng.normal(size=(20, 2)).astype(np.float32)
-    neighbour = assembled(Neighbourhood(tree, observed).draw(np.arange(2), 3, rng))
+    neighbour = assembled(
+        Neighbourhood(tree, observed, oblique=oblique, linear=linear).draw(np.arange(2), 3, rng)
+    )
     assert neighbour == DecisionTree(*neighbour.arrays)
+    assert neighbour.value.shape[1] == tree.value.shape[1]
     before = tree.num_decision_nodes
     assert abs(neighbour.num_decision_nodes - before) <= 2 * max(1, before)
-    assert neighbour.action.max() < 3
-    assert neighbour.feature.max(initial=0) < 2
+    assert neighbour.action.max(initial=0) < 3
+    assert max(neighbour.feature.max(initial=0), neighbour.leaf_feature.max(initial=0)) < 2
+    if not oblique:
+        assert np.diff(neighbour.term_start).max(initial=1) <= np.diff(tree.term_start).max(initial=1)
+    if not linear:
+        assert np.diff(neighbour.leaf_term_start).max() <= np.diff(tree.leaf_term_start).max()
 
 
-@given(st.lists(weighted_trees(), max_size=5))
+@given(trees_of_one_kind().flatmap(lambda kind: st.lists(kind, max_size=5)))
 def test_nodes_and_trees_are_the_same(trees):
     observed = np.zeros((1, 4), np.float32)
     assert forest_of([Neighbourhood(tree, observed)._nodes for tree in trees]).trees() == trees
@@ -62,7 +70,7 @@ def test_a_lone_leaf_can_only_grow():
     ("node", "end"), [(0, 5), (1, 4), (2, 3), (3, 4), (4, 5)], ids=["root", "inner", "leaf", "leaf2", "last"]
 )
 def test_the_end_of_a_subtree(node, end):
-    assert edits._end(Neighbourhood(TREE, OBSERVED)._nodes, node) == end
+    assert end_of(Neighbourhood(TREE, OBSERVED)._nodes, node) == end
 
 
 def test_dropping_a_decision_keeps_one_of_its_children():
@@ -137,7 +145,7 @@ def noted(monkeypatch):
 
         return edit
 
-    monkeypatch.setattr(edits, "_EDITS", {kind: noting(kind, apply) for kind, apply in edits._EDITS.items()})
+    monkeypatch.setattr(edits, "EDITS", {kind: noting(kind, apply) for kind, apply in edits.EDITS.items()})
     return notes
 
 
@@ -187,9 +195,8 @@ def test_thresholds_are_finite_whatever_was_seen():
     assert not any(np.signbit(tree.threshold).any() for tree in zeros)
 
 
-@pytest.mark.parametrize(
-    ("tree", "observed"), [(DecisionTree.value_leaf([1.0]), OBSERVED), (leaf(0), OBSERVED[:0])]
-)
-def test_a_tree_with_values_or_unseen_has_no_neighbours(tree, observed):
-    with pytest.raises(InvalidTreeError, match="which saw at least one state"):
-        Neighbourhood(tree, observed)
+def test_a_tree_without_states_or_with_other_bounds_has_no_neighbours():
+    with pytest.raises(InvalidTreeError, match=r"at least one state, .* saw 0 states"):
+        Neighbourhood(leaf(0), OBSERVED[:0])
+    with pytest.raises(InvalidTreeError, match="there are 1 bounds for 2 values"):
+        Neighbourhood(DecisionTree.value_leaf([1.0, 2.0]), OBSERVED, action_bounds=[(0.0, 1.0)])
