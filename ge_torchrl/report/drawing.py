@@ -20,7 +20,7 @@ from ge_torchrl.report.canvas import (
     save_figure,
 )
 from ge_torchrl.trees.controller import Controller
-from ge_torchrl.trees.text import leaf_text, split_text
+from ge_torchrl.trees.text import leaf_lines, split_text
 from ge_torchrl.trees.tree import DecisionTree
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ _DARK = {BLUE, GREEN, VERMILION}
 _FONT, _EDGE_FONT = 10.0, 8.0
 _BOX_HEIGHT, _PADDING, _GAP, _MARGIN = 0.36, 0.16, 0.14, 0.2
 _LEVEL = 0.95
+_LINE = 0.19
 # Two edges from one node leave room for a label each.
 _LEAST_LEAF_DISTANCE = 0.95
 # How far down an edge its label stands: far enough for two edges of a node to have parted.
@@ -48,12 +49,14 @@ class Layout(NamedTuple):
         x: [N] centres, `N = M + L`.
         y: [N] centres.
         widths: [N] widths of the boxes.
+        heights: [N] their heights.
         size: Width and height of the figure.
     """
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     widths: NDArray[np.float64]
+    heights: NDArray[np.float64]
     size: tuple[float, float]
 
 
@@ -72,9 +75,11 @@ def draw_tree(controller: Controller) -> Figure:
     tree, names = controller.tree, controller.names
     n_splits = tree.num_decision_nodes
     texts = [split_text(tree, names, split) for split in range(n_splits)]
-    texts += [leaf_text(tree, names, leaf) for leaf in range(tree.num_leaves)]
+    # A leaf with several values has a line for each.
+    texts += ["\n".join(leaf_lines(tree, names, leaf)) for leaf in range(tree.num_leaves)]
+    leaf_height = _BOX_HEIGHT + _LINE * texts[-1].count("\n")
     figure = new_figure(1, 1)
-    layout = tidy_layout(tree, np.array([_width(text) + 2 * _PADDING for text in texts]))
+    layout = tidy_layout(tree, np.array([_width(text) + 2 * _PADDING for text in texts]), leaf_height)
     figure.set_size_inches(layout.size)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set(xlim=(0, layout.size[0]), ylim=(0, layout.size[1]))
@@ -107,7 +112,7 @@ def save_tree(controller: Controller, path: Path) -> tuple[Path, Path]:
     return save_figure(draw_tree(controller), path)
 
 
-def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64]) -> Layout:
+def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64], leaf_height: float = _BOX_HEIGHT) -> Layout:
     """Place leaves side by side in their order, and each decision above the middle of its children.
 
     Two decisions of one depth are then at least two leaf distances apart, a decision and a leaf one and a
@@ -116,6 +121,7 @@ def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64]) -> Layout:
     Args:
         tree: The tree.
         widths: [N] widths of the boxes, the splits' first.
+        leaf_height: Height of a leaf's box.
     """
     place, depth = _places(tree)
     n_splits = tree.num_decision_nodes
@@ -126,9 +132,12 @@ def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64]) -> Layout:
     x = place * distance
     # A box may be wider than the leaves below it.
     x += _MARGIN - (x - widths / 2).min()
-    height = 2 * _MARGIN + _BOX_HEIGHT + _LEVEL * depth.max()
-    y = height - _MARGIN - _BOX_HEIGHT / 2 - _LEVEL * depth
-    return Layout(x, y, widths, (float((x + widths / 2).max()) + _MARGIN, float(height)))
+    heights = np.repeat([_BOX_HEIGHT, leaf_height], [n_splits, tree.num_leaves])
+    level = _LEVEL + (leaf_height - _BOX_HEIGHT)
+    # Boxes of one level stand level at their tops, and the lowest ones are leaves.
+    height = 2 * _MARGIN + leaf_height + level * depth.max()
+    y = height - _MARGIN - heights / 2 - level * depth
+    return Layout(x, y, widths, heights, (float((x + widths / 2).max()) + _MARGIN, float(height)))
 
 
 def _children(tree: DecisionTree) -> tuple[list[int], list[int]]:
@@ -163,19 +172,20 @@ def _width(text: str) -> float:
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 
-    points: float = TextToPath().get_text_width_height_descent(text, FontProperties(size=_FONT), False)[0]
+    font, path = FontProperties(size=_FONT), TextToPath()
+    points: float = max(path.get_text_width_height_descent(line, font, False)[0] for line in text.split("\n"))
     return points / 72
 
 
 def _draw_box(axes: Axes, layout: Layout, node: int, text: str, colour: str, *, rounding: float) -> None:
     from matplotlib.patches import FancyBboxPatch
 
-    x, y, width = layout.x[node], layout.y[node], layout.widths[node]
+    x, y, width, height = layout.x[node], layout.y[node], layout.widths[node], layout.heights[node]
     axes.add_patch(
         FancyBboxPatch(
-            (x - width / 2, y - _BOX_HEIGHT / 2),
+            (x - width / 2, y - height / 2),
             width,
-            _BOX_HEIGHT,
+            height,
             boxstyle=f"round,pad=0,rounding_size={rounding}",
             facecolor=colour,
             edgecolor="#333333",
@@ -192,7 +202,7 @@ def _draw_box(axes: Axes, layout: Layout, node: int, text: str, colour: str, *, 
 
 def _draw_edge(axes: Axes, layout: Layout, node: int, child: int, answer: str) -> None:
     x = np.array([layout.x[node], layout.x[child]])
-    y = np.array([layout.y[node] - _BOX_HEIGHT / 2, layout.y[child] + _BOX_HEIGHT / 2])
+    y = np.array([layout.y[node] - layout.heights[node] / 2, layout.y[child] + layout.heights[child] / 2])
     axes.plot(x, y, color="#666666", linewidth=1.0, zorder=1)
     axes.text(
         x[0] + _LABEL_AT * (x[1] - x[0]),

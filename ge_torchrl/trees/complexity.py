@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from ge_torchrl.trees.tree import DecisionTree
+from ge_torchrl.trees.tree import DecisionTree, FloatArray
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,7 @@ def complexity(tree: DecisionTree) -> Complexity:
 
     A lone leaf is one constant. A split adds five terms (if, <, the feature, the threshold and one more leaf) and two
     operations (if and <), both of them non-arithmetic and each composed with another. What a split sums and what a leaf
-    computes adds arithmetic: every further feature an addition, every weight other than 1 a product. A leaf has one
-    constant for each value.
+    computes adds arithmetic, as its text shows it: `render_text` leaves out a constant of 0 and weights of 0.
 
     Args:
         tree: The tree, pruned first where its full form should not count.
@@ -59,16 +60,33 @@ def complexity(tree: DecisionTree) -> Complexity:
         Its four counts.
     """
     n = tree.num_decision_nodes
-    additions = len(tree.feature) - n + np.count_nonzero(tree.leaf_weight)
-    products = np.count_nonzero(tree.weight != 1) + np.count_nonzero(
-        (tree.leaf_weight != 0) & (tree.leaf_weight != 1)
-    )
-    constants = tree.value.size if not tree.has_actions else tree.num_leaves
-    # An addition brings a feature, a product a weight, and each its own operator.
-    arithmetic = int(additions + products)
+    sums = [
+        _Arithmetic.of(tree.weight[first:end]) for first, end in itertools.pairwise(tree.term_start.tolist())
+    ]
+    for leaf, (first, end) in enumerate(itertools.pairwise(tree.leaf_term_start.tolist())):
+        weights = tree.leaf_weight[first:end]
+        columns = zip(tree.value[leaf], weights.T, strict=True)
+        sums += [_Arithmetic.of(of_column[of_column != 0], constant) for constant, of_column in columns]
+    # Each split has an if, a < and a threshold of its own.
+    others = 3 * n + (tree.num_leaves if tree.has_actions else 0)
     return Complexity(
-        size=constants + 4 * n + 2 * arithmetic,
-        operations=2 * n + arithmetic,
+        size=others + sum(of_sum.operands + of_sum.operations for of_sum in sums),
+        operations=2 * n + sum(of_sum.operations for of_sum in sums),
         non_arithmetic_operations=2 * n,
         non_arithmetic_compositions=2 * n,
     )
+
+
+class _Arithmetic(NamedTuple):
+    """Variables and constants of a sum, and what is done with them."""
+
+    operands: int
+    operations: int
+
+    @classmethod
+    def of(cls, weights: FloatArray, constant: float = 0.0) -> _Arithmetic:
+        n_summands = len(weights) + int(constant != 0 or len(weights) == 0)
+        products = int(np.count_nonzero(np.abs(weights) != 1))
+        # A minus in front of all is an operation; between summands it stands for the plus.
+        negation = int(constant == 0 and len(weights) > 0 and weights[0] == -1)
+        return cls(n_summands + products, n_summands - 1 + products + negation)

@@ -88,8 +88,13 @@ def split_text(tree: DecisionTree, names: Names, split: int) -> str:
 
 def leaf_text(tree: DecisionTree, names: Names, leaf: int) -> str:
     """Return what a leaf answers: the name of its action, or `force = 0.5 + 2 x` for each value."""
+    return ", ".join(leaf_lines(tree, names, leaf))
+
+
+def leaf_lines(tree: DecisionTree, names: Names, leaf: int) -> list[str]:
+    """Return the same with one line for each value."""
     if tree.has_actions:
-        return names.actions[int(tree.action[leaf])]
+        return [names.actions[int(tree.action[leaf])]]
     terms = slice(tree.leaf_term_start[leaf], tree.leaf_term_start[leaf + 1])
     answers = []
     for column, name in enumerate(names.actions):
@@ -102,7 +107,7 @@ def leaf_text(tree: DecisionTree, names: Names, leaf: int) -> str:
         constant = shortest_decimal(tree.value[leaf, column])
         texts = [_number(constant)] if constant != 0 or not linear else []
         answers.append(f"{name} = {_sum([*texts, *_products(names, linear)])}")
-    return ", ".join(answers)
+    return answers
 
 
 def shortest_decimal(number: float | np.float32) -> float:

@@ -23,7 +23,7 @@ def test_boxes_neither_meet_nor_leave_the_figure_and_leaves_stand_in_order(tree)
     for decision, leaf_width in ((3.0, 0.2), (0.2, 3.0), (1.0, 1.0)):
         n_splits = tree.num_decision_nodes
         widths = np.repeat([decision, leaf_width], [n_splits, tree.num_leaves])
-        x, y, _, (width, height) = tidy_layout(tree, widths)
+        x, y, _, _, (width, height) = tidy_layout(tree, widths)
         assert (x - widths / 2).min() > 0
         assert (x + widths / 2).max() < width
         assert y.min() > BOX_HEIGHT / 2
@@ -127,6 +127,21 @@ def test_weighted_splits_and_leaves_with_values_can_be_drawn():
     figure = draw_tree(controller(tree, names))
     assert len(figure.axes[0].patches) == 3
     assert any("theta" in text for text in texts(figure))
+
+
+def test_each_value_of_a_leaf_has_a_line_and_all_lines_lie_within_the_box():
+    tree = split(
+        0, 1.0, DecisionTree.value_leaf([0.5, 1.0], {1: [3.0, 0.0]}), DecisionTree.value_leaf([0.0, -1.0])
+    )
+    names = Names(id="Any-v0", features=CARTPOLE.features, units=CARTPOLE.units, actions=("force", "torque"))
+    figure = draw_tree(controller(tree, names))
+    assert "force = 0.5 + 3 x_dot\ntorque = 1" in texts(figure)
+    renderer = figure.canvas.get_renderer()
+    boxes = [patch.get_window_extent(renderer) for patch in figure.axes[0].patches]
+    for text in figure.axes[0].texts:
+        if text.get_text() not in ("True", "False"):
+            extent = text.get_window_extent(renderer)
+            assert any(box.contains(*extent.p0) and box.contains(*extent.p1) for box in boxes)
 
 
 def test_a_path_that_cannot_be_written_is_told(tmp_path):

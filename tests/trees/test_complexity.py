@@ -56,10 +56,13 @@ def test_every_decision_node_adds_the_same(tree):
 def test_a_sum_adds_arithmetic():
     leaf = DecisionTree.leaf
     plain = complexity(DecisionTree.split(0, 0.5, leaf(0), leaf(1)))
-    # 2 x - y + z: two products (-1 is one) and two additions, each with an operator and what it brings.
+    # 2 x - y + z: a product, an addition and a subtraction, each with an operator and what it brings.
     summed = complexity(DecisionTree.weighted_split([0, 1, 2], [2.0, -1.0, 1.0], 0.5, leaf(0), leaf(1)))
-    assert summed == Complexity(plain.size + 8, plain.operations + 4, 2, 2)
-    assert pytest.approx(17.8 + 8 * 0.2 + 4 * 0.5) == summed.M
+    assert summed == Complexity(plain.size + 6, plain.operations + 3, 2, 2)
+    assert pytest.approx(17.8 + 6 * 0.2 + 3 * 0.5) == summed.M
+    # -x - 2 y: a minus in front is an operation.
+    negated = complexity(DecisionTree.weighted_split([0, 1], [-1.0, -2.0], 0.5, leaf(0), leaf(1)))
+    assert negated == Complexity(plain.size + 5, plain.operations + 3, 2, 2)
 
 
 def test_values_and_linear_leaves_are_counted():
@@ -68,6 +71,11 @@ def test_values_and_linear_leaves_are_counted():
     assert complexity(value([0.5, 1.0])) == Complexity(2, 0, 0, 0)
     # 0.5 + 3 x + y, and a constant: what has weight 0 is not there.
     assert complexity(value([0.5, 1.0], {0: [3.0, 0.0], 1: [1.0, 0.0]})) == Complexity(8, 3, 0, 0)
+    # A constant of 0 is not there either, but alone.
+    assert complexity(value([0.0, 0.0], {0: [3.0, 0.0]})) == Complexity(4, 1, 0, 0)
+    assert complexity(value([0.0], {0: [-1.0], 1: [-1.0]})) == Complexity(4, 2, 0, 0)
+    # -2.5 - x: a subtraction.
+    assert complexity(value([-2.5], {0: [-1.0]})) == Complexity(3, 1, 0, 0)
 
 
 @given(any_trees())
