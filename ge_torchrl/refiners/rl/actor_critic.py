@@ -5,19 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
-from torch.distributions import Categorical, Distribution
 from torchrl.modules import ProbabilisticActor
 
-from ge_torchrl.refiners.rl.ddt import DDT, columns_of
+from ge_torchrl.refiners.rl.ddt import DDT
+from ge_torchrl.refiners.rl.distributions import Draws, GaussianMixture, LogCategorical
+from ge_torchrl.refiners.rl.gaussian import GaussianDDT
+from ge_torchrl.refiners.rl.splits import columns_of
 
-_Shape: TypeAlias = torch.Size | list[int] | tuple[int, ...]
-_ONE: Final = torch.Size()
+SoftTrees: TypeAlias = DDT | GaussianDDT
+"""Soft trees of either kind of leaves."""
 
 
 class ValueNetworks(nn.Module):
@@ -84,77 +86,36 @@ class ValueNetworks(nn.Module):
 
 
 class DirectModule(TensorDictModule):  # type: ignore[misc]
-    """A `TensorDictModule` of one input and one output, which asks of neither whether it might be something else.
+    """A `TensorDictModule` of one input, which asks of neither it nor its outputs whether they might be something else.
 
     That takes a tenth of a gradient step of one tree.
     """
 
     def forward(self, tensordict: TensorDictBase, **_: Any) -> TensorDictBase:
-        """Write the output to the samples."""
-        tensordict.set(self.out_keys[0], self.module(tensordict.get(self.in_keys[0])))
+        """Write the output, or the outputs, to the samples."""
+        outputs = self.module(tensordict.get(self.in_keys[0]))
+        for key, output in zip(self.out_keys, outputs if len(self.out_keys) > 1 else (outputs,), strict=True):
+            tensordict.set(key, output)
         return tensordict
 
 
-class Draws(Protocol):
-    """Gives uniform numbers that decide actions."""
-
-    def next(self) -> Tensor:
-        """Return numbers in [0, 1), one for each action."""
-        ...
-
-
-class LogCategorical(Categorical):
-    """A categorical distribution of log-probabilities: they are taken as they are, not normalised once more.
-
-    Args:
-        logits: [*S, A] log-probabilities, finite.
-        draws: Gives the uniform numbers [*S] that decide samples; None leaves them to torch.
-    """
-
-    def __init__(self, logits: Tensor, draws: Draws | None = None) -> None:
-        self._draws = draws
-        self.logits = self._param = logits
-        self._num_events = logits.shape[-1]
-        Distribution.__init__(self, logits.shape[:-1], validate_args=False)
-
-    @property
-    def probs(self) -> Tensor:
-        """[*S, A] probabilities."""
-        return self.logits.exp()
-
-    @property
-    def deterministic_sample(self) -> Tensor:
-        """[*S] the most probable actions, for TorchRL."""
-        return self.mode
-
-    def sample(self, sample_shape: _Shape = _ONE) -> Tensor:
-        """Return actions [*S]."""
-        if self._draws is None:
-            drawn: Tensor = super().sample(sample_shape)  # type: ignore[no-untyped-call]
-            return drawn
-        passed = self.probs.cumsum(-1) <= self._draws.next().unsqueeze(-1)
-        # What rounding leaves of a sum of one falls to the last action.
-        return passed.sum(-1).clamp_max(self._num_events - 1)
-
-    def entropy(self) -> Tensor:
-        """Return the entropy [*S], in nats."""
-        return -(self.logits.exp() * self.logits).sum(-1)
-
-
-def make_actor(ddt: DDT, draws: Draws | None = None) -> ProbabilisticActor:
+def make_actor(ddt: SoftTrees, draws: Draws | None = None) -> ProbabilisticActor:
     """Build the actor around soft trees; it shares their parameters.
 
-    It reads `observation` and writes `logits`, `action` (int64) and `action_log_prob`.
+    It reads `observation` and writes the parameters of its distribution, `action` (int64; float32 values) and
+    `action_log_prob`.
 
     Args:
         ddt: The trees.
-        draws: As of `LogCategorical`.
+        draws: As of `LogCategorical` and `GaussianMixture`.
     """
+    is_gaussian = isinstance(ddt, GaussianDDT)
+    keys = ["leaf_weights", "answers", "log_sd"] if is_gaussian else ["logits"]
     return ProbabilisticActor(
-        DirectModule(ddt, in_keys=["observation"], out_keys=["logits"]),
-        in_keys=["logits"],
+        DirectModule(ddt, in_keys=["observation"], out_keys=keys),
+        in_keys=keys,
         out_keys=["action"],
-        distribution_class=LogCategorical,
+        distribution_class=GaussianMixture if is_gaussian else LogCategorical,
         distribution_kwargs={"draws": draws},
         return_log_prob=True,
     )

@@ -14,8 +14,7 @@ from torchrl.collectors import Collector
 
 from ge_torchrl.environments.backend import Backend
 from ge_torchrl.environments.torchrl_env import make_torchrl_env
-from ge_torchrl.refiners.rl.actor_critic import make_actor
-from ge_torchrl.refiners.rl.ddt import DDT
+from ge_torchrl.refiners.rl.actor_critic import SoftTrees, make_actor
 
 COPIES: Final = 8
 """Copies of the environment for each tree; a constant, so that a tree's samples do not depend on who is beside it."""
@@ -40,7 +39,9 @@ class CollectorSource:
         EnvironmentFaultError: The environment is at fault; raised by `collect` too.
     """
 
-    def __init__(self, backend: Backend, ddt: DDT, rngs: Sequence[np.random.Generator], purpose: str) -> None:
+    def __init__(
+        self, backend: Backend, ddt: SoftTrees, rngs: Sequence[np.random.Generator], purpose: str
+    ) -> None:
         self._backend = backend
         self._ddt = ddt
         self._rngs = rngs
@@ -65,10 +66,12 @@ class CollectorSource:
         return samples
 
     def _open(self, copies: int, piece: int) -> None:
+        spec = self._backend.spec
+        n_values = spec.n_actions if spec.is_continuous else 0
         of_copies = [rng for own in self._rngs for rng in own.spawn(copies)]
-        self._draws = Draws([own.spawn(1)[0] for own in self._rngs], copies)
+        self._draws = Draws([own.spawn(1)[0] for own in self._rngs], copies, n_values)
         self._collector = Collector(
-            make_torchrl_env(self._backend.spec, len(of_copies), of_copies, self._backend.workers),
+            make_torchrl_env(spec, len(of_copies), of_copies, self._backend.workers),
             make_actor(self._ddt, self._draws),
             frames_per_batch=piece * len(of_copies),
             total_frames=-1,
@@ -84,26 +87,39 @@ class CollectorSource:
 
 
 class Draws:
-    """Uniform numbers that decide actions, of each tree from its own generator.
+    """Numbers that decide actions, of each tree from its own generator.
 
     Args:
         rngs: [R] the generators.
-        copies: Numbers that a tree needs for one step, K.
+        copies: Actions of a tree in one step, K.
+        n_values: Number of values of an action, A; 0 where actions are choices.
     """
 
-    def __init__(self, rngs: Sequence[np.random.Generator], copies: int) -> None:
+    def __init__(self, rngs: Sequence[np.random.Generator], copies: int, n_values: int = 0) -> None:
         self._rngs = rngs
         self._copies = copies
-        self._rows: list[Tensor] = []
+        self._n_values = n_values
+        # Generators of their own, so that what is drawn does not depend on how many steps are drawn at a time.
+        self._rngs_of_values = [rng.spawn(1)[0] for rng in rngs] if n_values > 0 else []
+        self._uniform: list[Tensor] = []
+        self._normal: list[Tensor] = []
 
     def draw(self, n_steps: int) -> None:
         """Draw the numbers of the next steps."""
         drawn = np.stack([rng.random((n_steps, self._copies), np.float32) for rng in self._rngs], 1)
-        self._rows += torch.from_numpy(drawn).flatten(1).unbind()
+        self._uniform += torch.from_numpy(drawn).flatten(1).unbind()
+        if self._n_values > 0:
+            shape = (n_steps, self._copies, self._n_values)
+            drawn = np.stack([rng.standard_normal(shape, np.float32) for rng in self._rngs_of_values], 1)
+            self._normal += torch.from_numpy(drawn).flatten(1, 2).unbind()
 
     def next(self) -> Tensor:
-        """Return the numbers [R * K] of one step, in [0, 1)."""
-        return self._rows.pop(0)
+        """Return uniform numbers [R * K] of one step, in [0, 1)."""
+        return self._uniform.pop(0)
+
+    def normal(self) -> Tensor:
+        """Return standard normal numbers [R * K, A] of one step."""
+        return self._normal.pop(0)
 
 
 def _largest_divisor(number: int, at_most: int) -> int:

@@ -17,9 +17,8 @@ from torchrl.modules import ProbabilisticActor
 
 from ge_torchrl.config import PPOConfig
 from ge_torchrl.refiners.protocol import TrainingRecord
-from ge_torchrl.refiners.rl.actor_critic import ValueNetworks, make_critic
+from ge_torchrl.refiners.rl.actor_critic import SoftTrees, ValueNetworks, make_critic
 from ge_torchrl.refiners.rl.advantages import ScanGAE
-from ge_torchrl.refiners.rl.ddt import DDT
 from ge_torchrl.refiners.rl.loss import TreesPPOLoss
 from ge_torchrl.refiners.rl.samples import Source, last_returns
 
@@ -31,7 +30,7 @@ _OPTIMIZERS: Mapping[str, Callable[..., torch.optim.Optimizer]] = {
 
 
 def train(
-    ddt: DDT,
+    ddt: SoftTrees,
     actor: ProbabilisticActor,
     networks: ValueNetworks,
     source: Source,
@@ -106,7 +105,7 @@ class Learner:
     """
 
     def __init__(
-        self, ddt: DDT, actor: ProbabilisticActor, networks: ValueNetworks, config: PPOConfig
+        self, ddt: SoftTrees, actor: ProbabilisticActor, networks: ValueNetworks, config: PPOConfig
     ) -> None:
         self._config = config
         self._ddt = ddt
@@ -139,7 +138,7 @@ class Learner:
         self._timesteps += samples.batch_size[1:].numel()
         observation = samples["observation"].flatten(1, -2)
         mean, spread = _mean_and_spread(observation)
-        self._ddt.standardise(spread)
+        self._ddt.standardise(spread, mean)
         self._networks.standardise_features(mean, spread)
         targets = self._advantages(samples)["value_target"].flatten(1, -2)
         mean, spread = _mean_and_spread(targets)
@@ -193,7 +192,7 @@ class Learner:
         batch = {key: samples[key].flatten(1, samples.batch_dims - 1) for key in keys}
         # Column by column: what reads one feature of all samples then reads one piece of memory.
         batch["observation"] = batch["observation"].mT.contiguous().mT
-        return TensorDict(batch, batch["action"].shape)
+        return TensorDict(batch, batch["action_log_prob"].shape)
 
     def _minibatches(self, batch: TensorDict) -> Iterator[TensorDict]:
         size, n_samples = self._config.minibatch_size, batch.batch_size[1]

@@ -11,8 +11,9 @@ import torch
 from ge_torchrl.config import PPOConfig
 from ge_torchrl.environments.backend import Backend
 from ge_torchrl.refiners.protocol import FIRST, Effort, Refined
-from ge_torchrl.refiners.rl.actor_critic import ValueNetworks, make_actor
+from ge_torchrl.refiners.rl.actor_critic import SoftTrees, ValueNetworks, make_actor
 from ge_torchrl.refiners.rl.ddt import soften
+from ge_torchrl.refiners.rl.gaussian import soften_values
 from ge_torchrl.refiners.rl.ppo import train
 from ge_torchrl.refiners.rl.samples import open_source
 from ge_torchrl.refiners.rl.snapshots import Snapshots
@@ -58,14 +59,7 @@ class PPORefiner:
         """Soften trees, train them with their structures unchanged, and harden them."""
         config, spec = self._config, self._backend.spec
         generators = [torch.Generator().manual_seed(int(rng.integers(2**62))) for rng in rngs]
-        ddt = soften(
-            trees,
-            spec.n_actions,
-            alpha=config.alpha,
-            leaf_logit=config.leaf_logit,
-            generators=generators,
-            straight_through=config.straight_through,
-        )
+        ddt = self._softened(trees, generators)
         actor = make_actor(ddt)
         networks = ValueNetworks(spec.n_features, config.critic_hidden, generators)
         snapshots = Snapshots(self._backend, ddt, effort.factor * config.snapshot_episodes, self._purpose)
@@ -81,3 +75,22 @@ class PPORefiner:
             Refined(before if record.failure is not None else after, record)
             for before, after, record in zip(trees, snapshots.trees(), records, strict=True)
         ]
+
+    def _softened(self, trees: Sequence[DecisionTree], generators: Sequence[torch.Generator]) -> SoftTrees:
+        config, spec = self._config, self._backend.spec
+        if spec.is_continuous:
+            return soften_values(
+                trees,
+                spec.n_features,
+                (spec.action_low, spec.action_high),
+                alpha=config.alpha,
+                straight_through=config.straight_through,
+            )
+        return soften(
+            trees,
+            spec.n_actions,
+            alpha=config.alpha,
+            leaf_logit=config.leaf_logit,
+            generators=generators,
+            straight_through=config.straight_through,
+        )

@@ -2,7 +2,7 @@
 
 A batch is a TensorDict [R, T] of `T` consecutive steps of one stream of episodes a tree, or [R, K, T] of K streams:
 
-    observation [..., D], action int64, action_log_prob float32,
+    observation [..., D], action int64 (or [..., A] float32, values as drawn), action_log_prob float32,
     next: observation [..., D], reward / episode_reward [..., 1] float32, done / terminated / truncated [..., 1] bool
 
 `episode_reward` sums an episode's rewards so far.
@@ -21,7 +21,7 @@ from torch import Tensor
 from torchrl.modules import ProbabilisticActor
 
 from ge_torchrl.environments.backend import Backend, Sampler
-from ge_torchrl.refiners.rl.ddt import DDT
+from ge_torchrl.refiners.rl.actor_critic import SoftTrees
 
 
 class Source(Protocol):
@@ -46,7 +46,7 @@ class KernelSource:
         purpose: What the backend counts the steps under.
     """
 
-    def __init__(self, sampler: Sampler, ddt: DDT, actor: ProbabilisticActor, purpose: str) -> None:
+    def __init__(self, sampler: Sampler, ddt: SoftTrees, actor: ProbabilisticActor, purpose: str) -> None:
         self._sampler = sampler
         self._ddt = ddt
         self._actor = actor
@@ -57,7 +57,7 @@ class KernelSource:
         """Return the next samples [R, T]; see `Source`."""
         samples = self._sampler.sample(self._ddt.soft_forest(), n_steps, self._purpose)
         terminated, truncated = _column(samples.terminated), _column(samples.truncated)
-        shape = samples.actions.shape
+        shape = samples.rewards.shape
         after = {
             "observation": torch.from_numpy(samples.next_observations),
             "reward": _column(samples.rewards),
@@ -84,7 +84,7 @@ class KernelSource:
 
 def open_source(
     backend: Backend,
-    ddt: DDT,
+    ddt: SoftTrees,
     actor: ProbabilisticActor,
     rngs: Sequence[np.random.Generator],
     purpose: str,

@@ -6,8 +6,9 @@ from tensordict import TensorDict
 from torch.distributions import Categorical
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from ge_torchrl.refiners.rl.actor_critic import LogCategorical, ValueNetworks, make_actor, make_critic
+from ge_torchrl.refiners.rl.actor_critic import ValueNetworks, make_actor, make_critic
 from ge_torchrl.refiners.rl.ddt import soften
+from ge_torchrl.refiners.rl.distributions import LogCategorical
 
 
 def soft():

@@ -138,9 +138,6 @@ def test_softening_refuses_what_it_cannot_do():
         soften([TREE], ACTIONS)
     with pytest.raises(ValueError, match="only 2 actions"):
         soft([TREE], n_actions=2)
-    oblique = DecisionTree.weighted_split([0, 1], [1.0, 2.0], 0.0, leaf(0), leaf(1))
-    with pytest.raises(ValueError, match="one feature each"):
-        soft([oblique])
     with pytest.raises(ValueError, match="leaves with actions"):
         soft([DecisionTree.value_leaf([0.5])])
 

@@ -17,6 +17,7 @@ from ppo_for_tests import (
     assert_close,
     config,
     drawn_samples,
+    drawn_trees,
     generators,
     hardened,
     leaf,
@@ -28,6 +29,7 @@ from ge_torchrl.refiners.rl.actor_critic import ValueNetworks, make_actor
 from ge_torchrl.refiners.rl.advantages import ScanGAE
 from ge_torchrl.refiners.rl.ddt import soften
 from ge_torchrl.refiners.rl.ppo import Learner
+from ge_torchrl.trees.tree import DecisionTree
 
 small_thresholds = st.floats(-1, 1, width=32)
 
@@ -47,6 +49,22 @@ small_thresholds = st.floats(-1, 1, width=32)
 )
 def test_trees_together_end_where_each_alone_would(forest, settings):
     """Law 9."""
+    check_together_as_alone(forest, settings)
+
+
+@settings(max_examples=12)
+@given(
+    st.integers(0, 10**6),
+    st.sampled_from([0, 1, 2]),
+    st.sampled_from([config(), config(standardise=True, max_timesteps=800), config(straight_through=True)]),
+)
+def test_trees_of_sums_and_of_values_end_together_where_each_alone_would(seed, n_values, settings):
+    """Law 9; an axis-aligned tree stands beside the others."""
+    beside = [leaf(1)] if n_values == 0 else [DecisionTree.value_leaf([0.3] * n_values)]
+    check_together_as_alone([*drawn_trees(seed, n_values), *beside], settings)
+
+
+def check_together_as_alone(forest, settings):
     together = Trained(forest, settings)
     for row, tree in enumerate(forest):
         alone = Trained([tree], settings, seeds=[row])
