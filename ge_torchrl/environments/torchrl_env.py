@@ -23,8 +23,8 @@ def make_torchrl_env(
     """Wrap `n` copies of an environment as one TorchRL environment of batch size [n].
 
     Under `observation` [n, D] float32 stands what the copies observe, under `action` [n] int64 what they do, counted
-    from 0, under `episode_reward` [n, 1] the rewards of an episode so far; `terminated` and `truncated` are told apart
-    as Gymnasium does.
+    from 0, or [n, A] float32 values, which are cut to their bounds; under `episode_reward` [n, 1] the rewards of an
+    episode so far. `terminated` and `truncated` are told apart as Gymnasium does.
 
     Every episode of every copy begins by a training seed, which the copy's own generator draws: copy `i` sees the same
     episodes in any company. `set_seed(s)` makes new generators, of `s` and `i`.

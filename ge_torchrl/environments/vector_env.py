@@ -74,12 +74,12 @@ class _Copies:
             border.close()
 
 
-class VectorEnvironment(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int64], NDArray[Any]]):
+class VectorEnvironment(gym.vector.VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
     """`n` copies of an environment; who steps them resets those that ended (autoreset is disabled).
 
-    Observations are float32 and actions count from 0, whatever the environment says. Every episode begins by
-    `reset(seed=...)` with a training seed that the copy's own generator draws, so what one copy does does not depend on
-    the others, nor on the number of processes.
+    Observations are float32, and actions count from 0 or are float32 values of any size, whatever the environment
+    says. Every episode begins by `reset(seed=...)` with a training seed that the copy's own generator draws, so what
+    one copy does does not depend on the others, nor on the number of processes.
 
     Args:
         spec: The environment.
@@ -97,11 +97,18 @@ class VectorEnvironment(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int
         self.metadata = {"autoreset_mode": AutoresetMode.DISABLED}
         # What an environment declares may be untrue: nobody is to be misled by it, or to check it again.
         box = spaces.Box(-math.inf, math.inf, (spec.n_features,), np.float32)
-        self.single_observation_space, self.single_action_space = box, spaces.Discrete(spec.n_actions)
+        n_values = spec.n_actions if spec.is_continuous else 0
+        # The border cuts values to their bounds: who draws them may go beyond.
+        self.single_observation_space = box
+        self.single_action_space = (
+            spaces.Box(-math.inf, math.inf, (n_values,), np.float32)
+            if n_values
+            else spaces.Discrete(spec.n_actions)
+        )
         self.observation_space = gym.vector.utils.batch_space(box, n)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, n)
         self._rngs = list(rngs)
-        memory = Memory.empty(n, spec.n_features)
+        memory = Memory.empty(n, spec.n_features, n_values)
         self._arrays = memory.arrays()
         n_processes = min(workers or _paying_processes(spec, n), n)
         edges = np.linspace(0, n, n_processes + 1).astype(int).tolist()
@@ -135,11 +142,11 @@ class VectorEnvironment(gym.vector.VectorEnv[NDArray[np.float32], NDArray[np.int
         return arrays.observations.copy(), {}
 
     def step(
-        self, actions: NDArray[np.int64]
+        self, actions: NDArray[Any]
     ) -> tuple[
         NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
     ]:
-        """Step all copies; see Gymnasium's `VectorEnv`."""
+        """Step all copies by actions [n], or by values [n, A]; see Gymnasium's `VectorEnv`."""
         arrays = self._arrays
         arrays.actions[:] = actions
         self._together(_STEP)
@@ -262,7 +269,7 @@ def _paying_processes(spec: EnvironmentSpec, n: int) -> int:
     while (elapsed := time.perf_counter() - started) < _TRIAL_SECONDS:
         if ended:
             border.reset(steps)
-        _, _, terminated, truncated = border.step(int(rng.integers(spec.n_actions)))
+        _, _, terminated, truncated = border.step(border.draw(rng))
         ended = terminated or truncated
         steps += 1
     border.close()
