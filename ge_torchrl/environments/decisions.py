@@ -1,8 +1,10 @@
-"""What lanes do next: a tree's answer to what each lane observes, in three ways that give the same answer (law 4).
+"""What lanes do next: a tree's answer to what each lane observes, in ways that give the same answer (law 4).
 
 Where many episodes of one tree run side by side, its splits are evaluated bottom-up as vector selects: every split for
-every lane, no branch. Where lanes hold different trees, or a tree is large, every lane walks its tree. Where splits
-are weighted sums, lanes walk too, and add up on the way.
+every lane, no branch. Where lanes hold different trees, or a tree is large, every lane walks its tree. Both ways are
+there twice: for axis-aligned trees with actions, and for all trees, whose splits and leaves may be weighted sums.
+
+Values are rounded to float32, then clipped to the bounds of the environment's actions.
 """
 
 from typing import NamedTuple
@@ -11,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled, inlined
-from ge_torchrl.environments.dynamics import ACTION, LANES, OBSERVATION
+from ge_torchrl.environments.lanes import ACTION, LANES, OBSERVATION, to_float32
 from ge_torchrl.trees.forest import ForestArrays
 
 
@@ -47,7 +49,10 @@ def leaf_values(forest: ForestArrays, tree: int, as_numbers: bool) -> NDArray[np
     values = np.zeros((n_splits + last - first) * LANES)
     for leaf in range(last - first):
         at = (n_splits + leaf) * LANES
-        values[at : at + LANES] = leaf if as_numbers else forest.action[first + leaf]
+        if as_numbers:
+            values[at : at + LANES] = leaf
+        elif forest.value.shape[1] == 0:
+            values[at : at + LANES] = forest.action[first + leaf]
     return values
 
 
@@ -81,6 +86,117 @@ def decide_by_selects(
 
 
 @inlined
+def clipped(value: float, bounds: NDArray[np.float64], entry: int) -> float:
+    """Return an entry of an action as the environment is given it: rounded to float32, within its bounds."""
+    return float(min(max(to_float32(value), bounds[0, entry]), bounds[1, entry]))
+
+
+@inlined
+def answer_values(
+    rows: NDArray[np.float64], lane: int, forest: ForestArrays, leaf: int, bounds: NDArray[np.float64]
+) -> None:
+    """Set a lane's ACTION to a leaf's values, summed in float64 in the order constant, terms."""
+    for entry in range(forest.value.shape[1]):
+        total = float(forest.value[leaf, entry])
+        for term in range(forest.leaf_term_start[leaf], forest.leaf_term_start[leaf + 1]):
+            observed = rows[OBSERVATION + forest.leaf_feature[term] * LANES + lane]
+            total += np.float64(forest.leaf_weight[term, entry]) * observed
+        rows[ACTION + entry * LANES + lane] = clipped(total, bounds, entry)
+
+
+@inlined
+def answer(
+    rows: NDArray[np.float64],
+    lane: int,
+    forest: ForestArrays,
+    leaf: int,
+    bounds: NDArray[np.float64],
+    leaf_visits: NDArray[np.int64],
+) -> None:
+    """Set a lane's ACTION to a leaf's answer, and count the visit."""
+    if len(leaf_visits) > 0:
+        leaf_visits[leaf] += 1
+    if forest.value.shape[1] == 0:
+        rows[ACTION + lane] = forest.action[leaf]
+    else:
+        answer_values(rows, lane, forest, leaf, bounds)
+
+
+@inlined
+def evaluate_leaves(
+    rows: NDArray[np.float64],
+    values: NDArray[np.float64],
+    forest: ForestArrays,
+    tree: int,
+    bounds: NDArray[np.float64],
+) -> None:
+    """Write the one value of each leaf of a tree, in each lane, behind the splits in `values`; see `leaf_values`."""
+    lanes = np.uint64(LANES)
+    n_splits = forest.split_start[tree + 1] - forest.split_start[tree]
+    first, last = forest.leaf_start[tree], forest.leaf_start[tree + 1]
+    low, high = bounds[0, 0], bounds[1, 0]
+    for leaf in range(first, last):
+        at = np.uint64(n_splits + leaf - first) * lanes
+        constant = np.float64(forest.value[leaf, 0])
+        for i in range(lanes):
+            values[at + i] = constant
+        for term in range(forest.leaf_term_start[leaf], forest.leaf_term_start[leaf + 1]):
+            observed = np.uint64(OBSERVATION) + np.uint64(forest.leaf_feature[term]) * lanes
+            weight = np.float64(forest.leaf_weight[term, 0])
+            for i in range(lanes):
+                values[at + i] += weight * rows[observed + i]
+        for i in range(lanes):
+            values[at + i] = min(max(to_float32(values[at + i]), low), high)
+
+
+@inlined
+def decide_by_selects_of_sums(
+    rows: NDArray[np.float64], values: NDArray[np.float64], forest: ForestArrays, tree: int
+) -> None:
+    """Do what `decide_by_selects` does, where splits may be weighted sums."""
+    lanes = np.uint64(LANES)
+    first = forest.split_start[tree]
+    n_splits = forest.split_start[tree + 1] - first
+    for split in range(n_splits - 1, -1, -1):
+        row = first + split
+        at = np.uint64(split) * lanes
+        first_term = forest.term_start[row]
+        for term in range(first_term, forest.term_start[row + 1]):
+            observed = np.uint64(OBSERVATION) + np.uint64(forest.feature[term]) * lanes
+            weight = np.float64(forest.weight[term])
+            if term == first_term:
+                for i in range(lanes):
+                    values[at + i] = weight * rows[observed + i]
+            else:
+                for i in range(lanes):
+                    values[at + i] += weight * rows[observed + i]
+        limit = np.float64(forest.threshold[row])
+        left_child, right_child = np.int64(forest.children_left[row]), np.int64(forest.children_right[row])
+        left = np.uint64(left_child if left_child >= 0 else n_splits + ~left_child) * lanes
+        right = np.uint64(right_child if right_child >= 0 else n_splits + ~right_child) * lanes
+        for i in range(lanes):
+            if_true, if_false = values[left + i], values[right + i]
+            values[at + i] = if_true if values[at + i] < limit else if_false
+    for i in range(lanes):
+        rows[np.uint64(ACTION) + i] = values[i]
+
+
+@inlined
+def look_up_answers(
+    rows: NDArray[np.float64],
+    forest: ForestArrays,
+    tree: int,
+    bounds: NDArray[np.float64],
+    leaf_visits: NDArray[np.int64],
+    n: int,
+) -> None:
+    """Put the answers of the leaves whose numbers stand in ACTION there, and count the visits."""
+    for i in range(n):
+        leaf = forest.leaf_start[tree] + np.int64(rows[ACTION + i])
+        answer(rows, i, forest, leaf, bounds, leaf_visits)
+
+
+@inlined
 def look_up_actions(
     rows: NDArray[np.float64], forest: ForestArrays, tree: int, leaf_visits: NDArray[np.int64], n: int
 ) -> None:
@@ -93,7 +209,7 @@ def look_up_actions(
 
 @inlined
 def decide_by_walks(lanes: Lanes, forest: ForestArrays, leaf_visits: NDArray[np.int64], n: int) -> None:
-    """Set every lane's ACTION by walking the lane's own tree; all trees are axis-aligned."""
+    """Set every lane's ACTION by walking the lane's own tree; all trees are axis-aligned and hold actions."""
     counting = len(leaf_visits) > 0
     for i in range(n):
         split_start = lanes.split_start[i]
@@ -119,19 +235,17 @@ def goes_left(rows: NDArray[np.float64], lane: int, forest: ForestArrays, row: i
 
 
 @inlined
-def decide_by_sums(lanes: Lanes, forest: ForestArrays, leaf_visits: NDArray[np.int64], n: int) -> None:
-    """Set every lane's ACTION by walking the lane's own tree, whose splits may be weighted sums."""
-    counting = len(leaf_visits) > 0
+def decide_by_sums(
+    lanes: Lanes, forest: ForestArrays, bounds: NDArray[np.float64], leaf_visits: NDArray[np.int64], n: int
+) -> None:
+    """Set every lane's ACTION by walking the lane's own tree, of any kind."""
     for i in range(n):
         node = lanes.root[i]
         while node >= 0:
             row = lanes.split_start[i] + node
             is_left = goes_left(lanes.rows, i, forest, row)
             node = np.int64(forest.children_left[row] if is_left else forest.children_right[row])
-        leaf = lanes.leaf_start[i] + ~node
-        if counting:
-            leaf_visits[leaf] += 1
-        lanes.rows[ACTION + i] = forest.action[leaf]
+        answer(lanes.rows, i, forest, lanes.leaf_start[i] + ~node, bounds, leaf_visits)
 
 
 @compiled

@@ -1,12 +1,7 @@
 """Compiled dynamics of Gymnasium's classic-control environments, many episodes side by side.
 
-A *lane* is one running episode. All lanes live in one flat float64 buffer, row after row of `LANES` values, so
-that every offset is a compile-time constant and LLVM turns the loop over lanes into vector instructions. Rows:
-four of state, four of sines and cosines that belong to it, the observation (rounded to float32, as Gymnasium
-returns it), the action to take, and what a step gives back.
-
-The equations are those of Gymnasium 1.x, sources `envs/classic_control/{cartpole,acrobot,mountain_car}.py`;
-tests hold every step to Gymnasium's within 1e-12 (law 5).
+How lanes lie is told in `lanes`. The equations are those of Gymnasium 1.x, sources
+`envs/classic_control/{cartpole,acrobot,mountain_car}.py`; tests hold every step to Gymnasium's within 1e-12 (law 5).
 """
 
 from collections.abc import Callable
@@ -16,47 +11,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
-from ge_torchrl.environments.draws import first_uniforms
+from ge_torchrl.environments.continuous_dynamics import (
+    advance_continuous_mountain_car,
+    advance_pendulum,
+    continuous_mountain_car_starts,
+    pendulum_starts,
+)
+from ge_torchrl.environments.lanes import (
+    ACTION,
+    COS_1,
+    COS_2,
+    LANES,
+    OBS_0,
+    OBS_1,
+    OBS_2,
+    OBS_3,
+    OBS_4,
+    OBS_5,
+    REWARD,
+    SIN_1,
+    SIN_2,
+    STATE_0,
+    STATE_1,
+    STATE_2,
+    STATE_3,
+    TERMINATED,
+    VECTOR,
+    Starts,
+    start_rows,
+    to_float32,
+    uniform_states,
+)
 from ge_torchrl.environments.trigonometry import round_to_integer, sin_cos, sin_cos_reduced
 
-LANES = 64
-# Loops run over a multiple of this many lanes: spare lanes compute nonsense that nobody reads, which costs less
-# than a scalar remainder.
-VECTOR = 8
-
-STATE = 0
-COS_1, SIN_1, COS_2, SIN_2 = 4 * LANES, 5 * LANES, 6 * LANES, 7 * LANES
-OBSERVATION = 8 * LANES
-MAX_FEATURES = 6
-ACTION = OBSERVATION + MAX_FEATURES * LANES
-REWARD = ACTION + LANES
-TERMINATED = REWARD + LANES
-LANE_ROWS = TERMINATED // LANES + 1
-# An episode's start fills the rows from the state to the observation.
-START_ROWS = ACTION // LANES
-
-CARTPOLE, ACROBOT, MOUNTAIN_CAR = 0, 1, 2
-
-_STATE_0, _STATE_1, _STATE_2, _STATE_3 = 0, LANES, 2 * LANES, 3 * LANES
-_OBS_0, _OBS_1, _OBS_2 = OBSERVATION, OBSERVATION + LANES, OBSERVATION + 2 * LANES
-_OBS_3, _OBS_4, _OBS_5 = OBSERVATION + 3 * LANES, OBSERVATION + 4 * LANES, OBSERVATION + 5 * LANES
+CARTPOLE, ACROBOT, MOUNTAIN_CAR, PENDULUM, CONTINUOUS_MOUNTAIN_CAR = 0, 1, 2, 3, 4
 
 _POLE_FALLEN = 12 * 2 * np.pi / 360  # rad
 _PI = np.pi
 
 
 @compiled
-def _float32(x: float) -> float:
-    """Round to float32, as an observation is."""
-    return np.float64(np.float32(x))
-
-
-@compiled
 def advance_cartpole(lanes: NDArray[np.float64], n: int) -> None:
     """Step `n` lanes of CartPole-v1: explicit Euler, 0.02 s, force of 10 N to the left or right."""
     for i in range(n):
-        x, x_dot = lanes[_STATE_0 + i], lanes[_STATE_1 + i]
-        theta, theta_dot = lanes[_STATE_2 + i], lanes[_STATE_3 + i]
+        x, x_dot = lanes[STATE_0 + i], lanes[STATE_1 + i]
+        theta, theta_dot = lanes[STATE_2 + i], lanes[STATE_3 + i]
         force = 10.0 if lanes[ACTION + i] == 1.0 else -10.0
         # A standing pole leans less than pi / 4: no range reduction is needed.
         sine, cosine = sin_cos_reduced(theta)
@@ -69,10 +68,10 @@ def advance_cartpole(lanes: NDArray[np.float64], n: int) -> None:
         x_dot = x_dot + 0.02 * x_acceleration
         theta = theta + 0.02 * theta_dot
         theta_dot = theta_dot + 0.02 * theta_acceleration
-        lanes[_STATE_0 + i], lanes[_STATE_1 + i] = x, x_dot
-        lanes[_STATE_2 + i], lanes[_STATE_3 + i] = theta, theta_dot
-        lanes[_OBS_0 + i], lanes[_OBS_1 + i] = _float32(x), _float32(x_dot)
-        lanes[_OBS_2 + i], lanes[_OBS_3 + i] = _float32(theta), _float32(theta_dot)
+        lanes[STATE_0 + i], lanes[STATE_1 + i] = x, x_dot
+        lanes[STATE_2 + i], lanes[STATE_3 + i] = theta, theta_dot
+        lanes[OBS_0 + i], lanes[OBS_1 + i] = to_float32(x), to_float32(x_dot)
+        lanes[OBS_2 + i], lanes[OBS_3 + i] = to_float32(theta), to_float32(theta_dot)
         fallen = (x < -2.4) | (x > 2.4) | (theta < -_POLE_FALLEN) | (theta > _POLE_FALLEN)
         lanes[REWARD + i] = 1.0
         lanes[TERMINATED + i] = 1.0 if fallen else 0.0
@@ -82,15 +81,15 @@ def advance_cartpole(lanes: NDArray[np.float64], n: int) -> None:
 def advance_mountain_car(lanes: NDArray[np.float64], n: int) -> None:
     """Step `n` lanes of MountainCar-v0; actions 0, 1, 2 push left, not, right."""
     for i in range(n):
-        position, velocity = lanes[_STATE_0 + i], lanes[_STATE_1 + i]
+        position, velocity = lanes[STATE_0 + i], lanes[STATE_1 + i]
         _, slope = sin_cos(3.0 * position)
         velocity = velocity + ((lanes[ACTION + i] - 1.0) * 0.001 + slope * -0.0025)
         velocity = min(max(velocity, -0.07), 0.07)
         position = position + velocity
         position = min(max(position, -1.2), 0.6)
         velocity = 0.0 if (position == -1.2) & (velocity < 0.0) else velocity
-        lanes[_STATE_0 + i], lanes[_STATE_1 + i] = position, velocity
-        lanes[_OBS_0 + i], lanes[_OBS_1 + i] = _float32(position), _float32(velocity)
+        lanes[STATE_0 + i], lanes[STATE_1 + i] = position, velocity
+        lanes[OBS_0 + i], lanes[OBS_1 + i] = to_float32(position), to_float32(velocity)
         lanes[REWARD + i] = -1.0
         lanes[TERMINATED + i] = 1.0 if (position >= 0.5) & (velocity >= 0.0) else 0.0
 
@@ -130,8 +129,8 @@ def _wrap_angle(theta: float) -> float:
 def advance_acrobot(lanes: NDArray[np.float64], n: int) -> None:
     """Step `n` lanes of Acrobot-v1: one Runge-Kutta step of fourth order over 0.2 s; torques -1, 0, 1 Nm."""
     for i in range(n):
-        theta_1, theta_2 = lanes[_STATE_0 + i], lanes[_STATE_1 + i]
-        omega_1, omega_2 = lanes[_STATE_2 + i], lanes[_STATE_3 + i]
+        theta_1, theta_2 = lanes[STATE_0 + i], lanes[STATE_1 + i]
+        omega_1, omega_2 = lanes[STATE_2 + i], lanes[STATE_3 + i]
         torque = lanes[ACTION + i] - 1.0
         # The first stage reuses the sines and cosines of the last observation.
         c_1, s_1, c_2, s_2 = lanes[COS_1 + i], lanes[SIN_1 + i], lanes[COS_2 + i], lanes[SIN_2 + i]
@@ -155,12 +154,12 @@ def advance_acrobot(lanes: NDArray[np.float64], n: int) -> None:
         omega_2 = min(max(omega_2 + sixth * (a_2 + 2.0 * b_2 + 2.0 * e_2 + f_2), -9.0 * _PI), 9.0 * _PI)
         s_1, c_1 = sin_cos(theta_1)
         s_2, c_2 = sin_cos(theta_2)
-        lanes[_STATE_0 + i], lanes[_STATE_1 + i] = theta_1, theta_2
-        lanes[_STATE_2 + i], lanes[_STATE_3 + i] = omega_1, omega_2
+        lanes[STATE_0 + i], lanes[STATE_1 + i] = theta_1, theta_2
+        lanes[STATE_2 + i], lanes[STATE_3 + i] = omega_1, omega_2
         lanes[COS_1 + i], lanes[SIN_1 + i], lanes[COS_2 + i], lanes[SIN_2 + i] = c_1, s_1, c_2, s_2
-        lanes[_OBS_0 + i], lanes[_OBS_1 + i] = _float32(c_1), _float32(s_1)
-        lanes[_OBS_2 + i], lanes[_OBS_3 + i] = _float32(c_2), _float32(s_2)
-        lanes[_OBS_4 + i], lanes[_OBS_5 + i] = _float32(omega_1), _float32(omega_2)
+        lanes[OBS_0 + i], lanes[OBS_1 + i] = to_float32(c_1), to_float32(s_1)
+        lanes[OBS_2 + i], lanes[OBS_3 + i] = to_float32(c_2), to_float32(s_2)
+        lanes[OBS_4 + i], lanes[OBS_5 + i] = to_float32(omega_1), to_float32(omega_2)
         # -cos t1 - cos(t1 + t2) is the height of the free end above the pivot.
         swung_up = -c_1 - (c_1 * c_2 - s_1 * s_2) > 1.0
         lanes[REWARD + i] = 0.0 if swung_up else -1.0
@@ -174,7 +173,7 @@ def advance(dynamics: int, lanes: NDArray[np.float64], n: int) -> None:
     Reads the rows STATE to SIN_2 and ACTION; writes these and OBSERVATION, REWARD and TERMINATED.
 
     Args:
-        dynamics: CARTPOLE, ACROBOT or MOUNTAIN_CAR.
+        dynamics: CARTPOLE or another of these numbers.
         lanes: [LANE_ROWS * LANES] float64.
         n: Number of lanes in use; up to VECTOR - 1 spare ones are stepped too.
     """
@@ -183,46 +182,34 @@ def advance(dynamics: int, lanes: NDArray[np.float64], n: int) -> None:
         advance_cartpole(lanes, padded)
     elif dynamics == ACROBOT:
         advance_acrobot(lanes, padded)
-    else:
+    elif dynamics == MOUNTAIN_CAR:
         advance_mountain_car(lanes, padded)
-
-
-Starts = NDArray[np.float64]
-
-
-def _starts(states: NDArray[np.float64], observations: NDArray[np.float32]) -> Starts:
-    starts = np.zeros((len(states), START_ROWS))
-    starts[:, : states.shape[1]] = states
-    first = OBSERVATION // LANES
-    starts[:, first : first + observations.shape[1]] = observations
-    return starts
-
-
-def _uniform(low: float, high: float, seeds: NDArray[np.int64], n: int) -> NDArray[np.float64]:
-    """[E, n], as `default_rng(seed).uniform(low, high, n)` for each seed."""
-    return low + (high - low) * first_uniforms(seeds, n)
+    elif dynamics == PENDULUM:
+        advance_pendulum(lanes, padded)
+    else:
+        advance_continuous_mountain_car(lanes, padded)
 
 
 def cartpole_starts(seeds: NDArray[np.int64]) -> Starts:
     """[E, START_ROWS] of CartPole-v1: every state variable uniform in [-0.05, 0.05]."""
-    states = _uniform(-0.05, 0.05, seeds, 4)
-    return _starts(states, states.astype(np.float32))
+    states = uniform_states(-0.05, 0.05, seeds, 4)
+    return start_rows(states, states.astype(np.float32))
 
 
 def mountain_car_starts(seeds: NDArray[np.int64]) -> Starts:
     """[E, START_ROWS] of MountainCar-v0: position uniform in [-0.6, -0.4] m, at rest."""
     states = np.zeros((len(seeds), 2))
-    states[:, :1] = _uniform(-0.6, -0.4, seeds, 1)
-    return _starts(states, states.astype(np.float32))
+    states[:, :1] = uniform_states(-0.6, -0.4, seeds, 1)
+    return start_rows(states, states.astype(np.float32))
 
 
 def acrobot_starts(seeds: NDArray[np.int64]) -> Starts:
     """[E, START_ROWS] of Acrobot-v1: angles and angular velocities uniform in [-0.1, 0.1], rounded to float32."""
-    states = _uniform(-0.1, 0.1, seeds, 4).astype(np.float32)
+    states = uniform_states(-0.1, 0.1, seeds, 4).astype(np.float32)
     theta_1, theta_2 = states[:, 0], states[:, 1]
     # Gymnasium's first observation takes the cosine of a float32; NumPy's float32 cosine gives the same bits.
     first = np.stack([np.cos(theta_1), np.sin(theta_1), np.cos(theta_2), np.sin(theta_2)], axis=1)
-    starts = _starts(states.astype(np.float64), np.concatenate([first, states[:, 2:]], axis=1))
+    starts = start_rows(states.astype(np.float64), np.concatenate([first, states[:, 2:]], axis=1))
     exact = np.stack(
         [np.cos(starts[:, 0]), np.sin(starts[:, 0]), np.cos(starts[:, 1]), np.sin(starts[:, 1])], 1
     )
@@ -247,4 +234,6 @@ DYNAMICS = {
     "CartPole-v1": Dynamics(CARTPOLE, cartpole_starts),
     "Acrobot-v1": Dynamics(ACROBOT, acrobot_starts),
     "MountainCar-v0": Dynamics(MOUNTAIN_CAR, mountain_car_starts),
+    "Pendulum-v1": Dynamics(PENDULUM, pendulum_starts),
+    "MountainCarContinuous-v0": Dynamics(CONTINUOUS_MOUNTAIN_CAR, continuous_mountain_car_starts),
 }

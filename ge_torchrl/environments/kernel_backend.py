@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
-from itertools import pairwise, product
+from itertools import product
 from math import ceil
 from typing import TypeVar
 
@@ -18,15 +18,14 @@ from ge_torchrl.environments.backend import (
     Backend,
     Ledger,
     Outcomes,
-    Samples,
-    SoftForest,
     Trajectory,
     available_cores,
 )
-from ge_torchrl.environments.dynamics import DYNAMICS, LANES, OBSERVATION, Dynamics
+from ge_torchrl.environments.dynamics import DYNAMICS, Dynamics
+from ge_torchrl.environments.kernel_sampler import CHUNK_STEPS, KernelSampler, action_bounds, ranges
+from ge_torchrl.environments.lanes import LANES, OBSERVATION
 from ge_torchrl.environments.recording import Recording, record_steps
 from ge_torchrl.environments.rollouts import run_forest
-from ge_torchrl.environments.soft_rollouts import SoftStreams, check_soft_forest
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.environments.threads import Task, Threads, quick_switches
 from ge_torchrl.errors import EnvironmentFaultError
@@ -39,8 +38,7 @@ _Result = TypeVar("_Result")
 _NO_VISITS = np.zeros(0, np.int64)
 # More chunks than threads, so that a thread whose trees fall early finds other work.
 _CHUNKS_PER_THREAD = 4
-# A chunk takes a tenth of a second at most, and this part of the steps that a limit allows.
-_CHUNK_STEPS = 1_000_000
+# A chunk makes this part of the steps that a limit allows, at most.
 _CHUNK_PART = 0.05
 # Training episodes begun at a time while a tree is observed.
 _STARTS_PER_BLOCK = 32
@@ -73,6 +71,7 @@ class KernelBackend(Accountable):
             )
         self.spec = spec
         self._dynamics = DYNAMICS[spec.id]
+        self._bounds = action_bounds(spec)
         self._threads = Threads(threads or available_cores(), self.ledger)
 
     @cached_property
@@ -98,6 +97,7 @@ class KernelBackend(Accountable):
         self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False
     ) -> Outcomes:
         """Run every tree on the episodes of `seeds`; see `Backend`."""
+        self._check(forest)
         if len(seeds) <= _EPISODES_PER_BLOCK:
             return self._evaluate(forest, seeds, purpose, visits=visits)
         outcomes = Outcomes.empty(
@@ -122,8 +122,8 @@ class KernelBackend(Accountable):
         def run(trees: tuple[int, int], episodes: tuple[int, int]) -> int:
             counts = np.zeros(n_leaves, np.int64) if visits else _NO_VISITS
             n_steps = run_forest(
-                forest.arrays, self._dynamics.index, self.spec.max_episode_steps, starts, *trees, *episodes,
-                outcomes.returns, outcomes.lengths, counts,
+                forest.arrays, self._dynamics.index, self.spec.max_episode_steps, starts, self._bounds,
+                *trees, *episodes, outcomes.returns, outcomes.lengths, counts,
             )  # fmt: skip
             if outcomes.leaf_visits is not None:
                 with adding:
@@ -163,14 +163,14 @@ class KernelBackend(Accountable):
                 tree_parts *= 2
             else:
                 episode_parts *= 2
-        return product(_ranges(n_trees, tree_parts), _ranges(n_episodes, episode_parts))
+        return product(ranges(n_trees, tree_parts), ranges(n_episodes, episode_parts))
 
     def _steps_of_a_chunk(self, all_steps: int) -> tuple[float, int]:
         """Return how many steps a chunk may make, and among how many threads work may be divided."""
         limit = self.limit
         if limit is None or limit.max_env_steps is None or all_steps < self.ledger.steps_left:
-            return _CHUNK_STEPS, self._threads.n
-        return min(_CHUNK_STEPS, _CHUNK_PART * limit.max_env_steps), 1
+            return CHUNK_STEPS, self._threads.n
+        return min(CHUNK_STEPS, _CHUNK_PART * limit.max_env_steps), 1
 
     def sampler(self, rngs: Sequence[np.random.Generator]) -> KernelSampler:
         """Return streams of training episodes; see `Backend`."""
@@ -180,11 +180,12 @@ class KernelBackend(Accountable):
         self, trees: Sequence[DecisionTree], n_steps: int, rngs: Sequence[np.random.Generator], purpose: str
     ) -> NDArray[np.float32]:
         """Return what trees see; see `Backend`."""
-        forest = Forest.stack(trees)
+        forest, n_values = Forest.stack(trees), self._bounds.shape[1]
+        self._check(forest)
         observations = np.empty((len(trees), n_steps, self.spec.n_features), np.float32)
 
         def run(tree: int) -> int:
-            recording, n_done = Recording.empty(n_steps, self.spec.n_features), 0
+            recording, n_done = Recording.empty(n_steps, self.spec.n_features, n_values), 0
             while n_done < n_steps:
                 seeds = episode_seeds("training", _STARTS_PER_BLOCK, rngs[tree])
                 n_done = self._record(forest, tree, seeds, recording, n_done)
@@ -198,24 +199,33 @@ class KernelBackend(Accountable):
     def _record(
         self, forest: Forest, tree: int, seeds: NDArray[np.int64], recording: Recording, first: int
     ) -> int:
-        starts = self._dynamics.starts(seeds)
         return record_steps(
-            self._dynamics.index, self.spec.max_episode_steps, starts, forest.arrays, tree, recording, first
-        )
+            self._dynamics.index, self.spec.max_episode_steps, self._dynamics.starts(seeds), self._bounds,
+            forest.arrays, tree, recording, first,
+        )  # fmt: skip
 
     def record(self, tree: DecisionTree, seed: int) -> Trajectory:
         """Return one episode, step by step; see `Backend`."""
         self.ledger.check()
-        recording = Recording.empty(self.spec.max_episode_steps, self.spec.n_features)
-        n_steps = self._record(Forest.stack([tree]), 0, np.array([seed]), recording, 0)
+        forest, n_values = Forest.stack([tree]), self._bounds.shape[1]
+        self._check(forest)
+        recording = Recording.empty(self.spec.max_episode_steps, self.spec.n_features, n_values)
+        n_steps = self._record(forest, 0, np.array([seed]), recording, 0)
         self.ledger.count("record", n_steps)
         return Trajectory(
             observations=recording.observations[: n_steps + 1].copy(),
-            actions=recording.actions[:n_steps].copy(),
+            actions=(recording.values if n_values else recording.actions)[:n_steps].copy(),
             rewards=recording.rewards[:n_steps].copy(),
             terminated=bool(recording.terminated[n_steps - 1]),
             truncated=bool(recording.truncated[n_steps - 1]),
         )
+
+    def _check(self, forest: Forest) -> None:
+        """Refuse trees whose answers are no actions here: kernels would read beyond their arrays."""
+        n_values = self._bounds.shape[1]
+        if forest.arrays.leaf_start[-1] > 0 and forest.n_values != n_values:
+            kinds = [f"{n} values a leaf" if n else "actions" for n in (n_values, forest.n_values)]
+            raise ValueError(f"{self.spec.id} takes {kinds[0]}; these trees hold {kinds[1]}")
 
     def run_jobs(self, jobs: Sequence[Callable[[Backend], _Result]]) -> list[_Result]:
         """Run jobs on the threads, each with a backend of one thread; see `Backend`.
@@ -239,61 +249,9 @@ class KernelBackend(Accountable):
         self._threads.close()
 
 
-class KernelSampler:
-    """One endless stream of episodes for each of `R` soft trees, side by side on threads; see `Sampler`.
-
-    Args:
-        spec: An environment that has a kernel.
-        threads: Where streams run.
-        ledger: Where steps are counted.
-        rngs: [R] each stream's own source of randomness.
-    """
-
-    def __init__(
-        self,
-        spec: EnvironmentSpec,
-        threads: Threads,
-        ledger: Ledger,
-        rngs: Sequence[np.random.Generator],
-    ) -> None:
-        self._n_features = spec.n_features
-        self._threads = threads
-        self._ledger = ledger
-        dynamics = DYNAMICS[spec.id]
-        # As many groups for each thread, where that makes none of them too thin to be quick.
-        n_groups = ceil(len(rngs) / (SoftStreams.WIDTH * threads.n)) * threads.n
-        self._ranges = _ranges(len(rngs), min(n_groups, len(rngs)))
-        self._groups = [
-            SoftStreams(dynamics.index, dynamics.starts, spec.max_episode_steps, rngs[slice(*trees)])
-            for trees in self._ranges
-        ]
-
-    def sample(self, soft: SoftForest, n_steps: int, purpose: str) -> Samples:
-        """Take the next `n_steps` steps of each stream; see `Sampler`."""
-        n_trees = self._ranges[-1][1]
-        check_soft_forest(soft, n_trees)
-        samples = Samples.empty(n_trees, n_steps, self._n_features)
-        for first, last in _ranges(n_steps, ceil(n_trees * n_steps / _CHUNK_STEPS)):
-            tasks = [
-                Task(partial(group.fill, soft, trees[0], samples, first, last))
-                for group, trees in zip(self._groups, self._ranges, strict=True)
-            ]
-            n_steps = n_trees * (last - first)
-            self._threads.run(tasks, purpose, n_steps)
-            # All at once: how streams are grouped must not show where a limit ends the run.
-            self._ledger.count(purpose, n_steps)
-        return samples
-
-
 def has_kernel(spec: EnvironmentSpec) -> bool:
     """Tell whether there is a kernel of the environment just as it is; any limit of its episodes will do."""
     return spec.id in DYNAMICS and not spec.names.kwargs and not spec.names.wrappers
-
-
-def _ranges(n: int, n_parts: int) -> list[tuple[int, int]]:
-    """Return the ranges that divide `n` items into parts of nearly equal length, none of them empty."""
-    edges = [part * n // n_parts for part in range(n_parts + 1)] if n > 0 else []
-    return [(first, last) for first, last in pairwise(edges) if first < last]
 
 
 def _probe(spec: EnvironmentSpec, dynamics: Dynamics) -> Forest:
@@ -303,6 +261,9 @@ def _probe(spec: EnvironmentSpec, dynamics: Dynamics) -> Forest:
     seen = dynamics.starts(np.arange(_PROBE_TREES))[:, first : first + spec.n_features]
 
     def grow(depth: int) -> DecisionTree:
+        if depth == 0 and spec.is_continuous:
+            constants, *slopes = rng.normal(size=(1 + spec.n_features, spec.n_actions)).tolist()
+            return DecisionTree.value_leaf(constants, dict(enumerate(slopes)))
         if depth == 0:
             return DecisionTree.leaf(int(rng.integers(spec.n_actions)))
         feature = int(rng.integers(spec.n_features))

@@ -10,19 +10,24 @@ from ge_torchrl.environments.decisions import (
     Lanes,
     are_axis_aligned,
     decide_by_selects,
+    decide_by_selects_of_sums,
     decide_by_sums,
     decide_by_walks,
+    evaluate_leaves,
     leaf_values,
     look_up_actions,
+    look_up_answers,
 )
-from ge_torchrl.environments.dynamics import LANE_ROWS, LANES, REWARD, START_ROWS, TERMINATED, advance
+from ge_torchrl.environments.dynamics import advance
+from ge_torchrl.environments.lanes import LANE_ROWS, LANES, REWARD, START_ROWS, TERMINATED
 from ge_torchrl.trees.forest import ForestArrays
 
 # Below these a bottom-up evaluation of all splits is cheaper than walks (measured by the benchmarks).
 SELECT_MAX_SPLITS = 31
+SELECT_MAX_SUMMED = 64
 SELECT_MIN_EPISODES = 24
 
-_WALKS, _SELECTS, _WALKS_OVER_SUMS = 0, 1, 2
+_WALKS, _SELECTS, _WALKS_OVER_SUMS, _SELECTS_OVER_SUMS = 0, 1, 2, 3
 
 
 class _Work(NamedTuple):
@@ -30,6 +35,7 @@ class _Work(NamedTuple):
 
     max_episode_steps: int
     starts: NDArray[np.float64]
+    bounds: NDArray[np.float64]
     first_episode: int
     last_episode: int
     returns: NDArray[np.float64]
@@ -88,6 +94,42 @@ def _move_lane(lanes: Lanes, source: int, target: int) -> None:
     lanes.leaf_start[target] = lanes.leaf_start[source]
 
 
+@inlined
+def _leaf_rows(forest: ForestArrays, tree: int, way: int, by_number: bool) -> NDArray[np.float64]:
+    """Return `leaf_values` where a way needs them."""
+    if way in (_WALKS, _WALKS_OVER_SUMS):
+        return np.zeros(0)
+    return leaf_values(forest, tree, by_number)
+
+
+@inlined
+def _decide(
+    lanes: Lanes,
+    values: NDArray[np.float64],
+    work: _Work,
+    forest: ForestArrays,
+    tree: int,
+    way: int,
+    by_number: bool,
+    n: int,
+) -> None:
+    """Set the ACTION of the first `n` lanes; `tree` is that of all lanes where splits are evaluated by selects."""
+    if way == _SELECTS:
+        decide_by_selects(lanes.rows, values, forest, tree)
+        if by_number:
+            look_up_actions(lanes.rows, forest, tree, work.leaf_visits, n)
+    elif way == _WALKS:
+        decide_by_walks(lanes, forest, work.leaf_visits, n)
+    elif way == _SELECTS_OVER_SUMS:
+        if forest.value.shape[1] > 0 and not by_number:
+            evaluate_leaves(lanes.rows, values, forest, tree, work.bounds)
+        decide_by_selects_of_sums(lanes.rows, values, forest, tree)
+        if by_number:
+            look_up_answers(lanes.rows, forest, tree, work.bounds, work.leaf_visits, n)
+    else:
+        decide_by_sums(lanes, forest, work.bounds, work.leaf_visits, n)
+
+
 @compiled
 def _run_trees(
     dynamics: int, work: _Work, forest: ForestArrays, first_tree: int, last_tree: int, way: int
@@ -106,22 +148,16 @@ def _run_trees(
         np.zeros(LANES, np.int64),
         np.zeros(LANES, np.int64),
     )
-    counting = len(work.leaf_visits) > 0
-    values = leaf_values(forest, first_tree, counting) if way == _SELECTS else np.zeros(0)
+    # One value a leaf is selected itself, where nothing is counted; else leaves are selected by number.
+    by_number = len(work.leaf_visits) > 0 or forest.value.shape[1] > 1
+    values = _leaf_rows(forest, first_tree, way, by_number)
     tree, episode, n = _next_tree(forest, first_tree, last_tree), work.first_episode, 0
     n_steps = 0
     while n < LANES and tree < last_tree:
         tree, episode = _start_episode(lanes, n, work, forest, tree, episode, last_tree)
         n += 1
     while n > 0:
-        if way == _SELECTS:
-            decide_by_selects(lanes.rows, values, forest, first_tree)
-            if counting:
-                look_up_actions(lanes.rows, forest, first_tree, work.leaf_visits, n)
-        elif way == _WALKS:
-            decide_by_walks(lanes, forest, work.leaf_visits, n)
-        else:
-            decide_by_sums(lanes, forest, work.leaf_visits, n)
+        _decide(lanes, values, work, forest, first_tree, way, by_number, n)
         advance(dynamics, lanes.rows, n)
         n_steps += n
         if _count_step(lanes, work.max_episode_steps, n) == 0:
@@ -138,12 +174,29 @@ def _run_trees(
     return n_steps
 
 
+@inlined
+def _way(forest: ForestArrays, tree: int) -> int:
+    """Return the quickest way to decide where many episodes of one tree run side by side."""
+    first_split, last_split = forest.split_start[tree], forest.split_start[tree + 1]
+    n_splits = last_split - first_split
+    if forest.value.shape[1] > 0 or not are_axis_aligned(forest, first_split, last_split):
+        n_terms = forest.term_start[last_split] - forest.term_start[first_split]
+        first_leaf, last_leaf = forest.leaf_start[tree], forest.leaf_start[tree + 1]
+        n_terms += forest.leaf_term_start[last_leaf] - forest.leaf_term_start[first_leaf]
+        return _SELECTS_OVER_SUMS if n_splits + n_terms <= SELECT_MAX_SUMMED else _WALKS_OVER_SUMS
+    if n_splits <= SELECT_MAX_SPLITS:
+        return _SELECTS
+    # Walks take terms as numbered as splits are.
+    return _WALKS if forest.term_start[first_split] == first_split else _WALKS_OVER_SUMS
+
+
 @compiled
 def run_forest(
     forest: ForestArrays,
     dynamics: int,
     max_episode_steps: int,
     starts: NDArray[np.float64],
+    bounds: NDArray[np.float64],
     first_tree: int,
     last_tree: int,
     first_episode: int,
@@ -155,10 +208,11 @@ def run_forest(
     """Run some episodes of some trees, filling their places in `returns` and `lengths`.
 
     Args:
-        forest: The trees, whose leaves hold actions; an individual without a tree is passed over.
+        forest: The trees; an individual without a tree is passed over.
         dynamics: Branch of `advance`.
         max_episode_steps: Truncation.
         starts: [E, START_ROWS], the episodes' first states and observations.
+        bounds: [2, A], lowest and highest float32 value of each entry of an action; [2, 0] where leaves hold actions.
         first_tree: First tree to run.
         last_tree: One past the last tree to run.
         first_episode: First episode to run of each tree.
@@ -171,22 +225,15 @@ def run_forest(
         The number of steps.
     """
     # Arrays one by one: a record costs each call from Python three times as long.
-    work = _Work(max_episode_steps, starts, first_episode, last_episode, returns, lengths, leaf_visits)
+    work = _Work(
+        max_episode_steps, starts, bounds, first_episode, last_episode, returns, lengths, leaf_visits
+    )
     if last_episode - first_episode < SELECT_MIN_EPISODES:
         # Terms are numbered as splits are only where all trees in front are axis-aligned as well.
-        aligned = are_axis_aligned(forest, 0, forest.split_start[last_tree])
+        aligned = forest.value.shape[1] == 0 and are_axis_aligned(forest, 0, forest.split_start[last_tree])
         way = _WALKS if aligned else _WALKS_OVER_SUMS
         return _run_trees(dynamics, work, forest, first_tree, last_tree, way)
     n_steps = 0
     for tree in range(first_tree, last_tree):
-        first_split, last_split = forest.split_start[tree], forest.split_start[tree + 1]
-        if not are_axis_aligned(forest, first_split, last_split):
-            way = _WALKS_OVER_SUMS
-        elif last_split - first_split <= SELECT_MAX_SPLITS:
-            way = _SELECTS
-        elif forest.term_start[first_split] == first_split:
-            way = _WALKS
-        else:
-            way = _WALKS_OVER_SUMS
-        n_steps += _run_trees(dynamics, work, forest, tree, tree + 1, way)
+        n_steps += _run_trees(dynamics, work, forest, tree, tree + 1, _way(forest, tree))
     return n_steps

@@ -1,7 +1,5 @@
 """Fused sampling of soft trees: descent, action, physics, reward and reset in one compiled loop.
 
-A soft tree is a mixture: the leaf is drawn by the path weights, the action by the leaf's probabilities. Going down
-at random, left with the weight of the left branch, draws from exactly that mixture at the cost of a single path.
 A few streams run side by side, one a lane, so that physics takes one vector step for all of them.
 """
 
@@ -15,8 +13,10 @@ from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled, inlined
 from ge_torchrl.environments.backend import Samples, SoftForest
-from ge_torchrl.environments.draws import draw_uniform, seed_generator
-from ge_torchrl.environments.dynamics import (
+from ge_torchrl.environments.decisions import clipped
+from ge_torchrl.environments.draws import seed_generator
+from ge_torchrl.environments.dynamics import advance
+from ge_torchrl.environments.lanes import (
     ACTION,
     LANE_ROWS,
     LANES,
@@ -26,8 +26,9 @@ from ge_torchrl.environments.dynamics import (
     TERMINATED,
     VECTOR,
     Starts,
-    advance,
 )
+from ge_torchrl.environments.soft_draws import draw_action, draw_leaf, draw_value
+from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.seeding import episode_seeds
 
 # Episodes are begun ahead, so that a kernel seldom comes back for more.
@@ -55,35 +56,17 @@ class _Streams(NamedTuple):
     generator: NDArray[np.uint64]
 
 
-@inlined
-def _draw_action(
-    soft: SoftForest, tree: int, rows: NDArray[np.float64], lane: int, generator: NDArray[np.uint64]
-) -> int:
-    """Draw a path from the root, then an action from the leaf."""
-    node = 0 if soft.feature.shape[1] > 0 else -1
-    while node >= 0:
-        left, right = int(soft.children_left[tree, node]), int(soft.children_right[tree, node])
-        if left == right:
-            # A row of padding stands where a tree has no split: nothing is drawn, as if it were not there.
-            node = left
-            continue
-        observed = rows[OBSERVATION + soft.feature[tree, node, 0] * LANES + lane]
-        # One term is a feature by itself.
-        if soft.feature.shape[2] > 1:
-            observed *= soft.weight[tree, node, 0]
-            for term in range(1, soft.feature.shape[2]):
-                place = OBSERVATION + soft.feature[tree, node, term] * LANES + lane
-                observed += soft.weight[tree, node, term] * rows[place]
-        # Exactly at the threshold of an infinitely steep split the weight is no number, and no draw is below it.
-        distance = np.float64(soft.threshold[tree, node]) - observed
-        weight = 1.0 / (1.0 + np.exp(-soft.alpha[tree, node] * distance))
-        node = left if draw_uniform(generator) < weight else right
-    action, left_over = 0, draw_uniform(generator) - soft.probabilities[tree, ~node, 0]
-    # What rounding leaves of a sum of one falls to the last action.
-    while left_over >= 0.0 and action < soft.probabilities.shape[2] - 1:
-        action += 1
-        left_over -= soft.probabilities[tree, ~node, action]
-    return action
+class _Room(NamedTuple):
+    """`Samples`, whose actions are numbers `actions` [R, T] or `values` [R, T, A]; the other is empty."""
+
+    observations: NDArray[np.float32]
+    actions: NDArray[np.int64]
+    values: NDArray[np.float32]
+    rewards: NDArray[np.float32]
+    next_observations: NDArray[np.float32]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+    episode_returns: NDArray[np.float32]
 
 
 @inlined
@@ -108,7 +91,8 @@ def _fill(
     soft: SoftForest,
     first_tree: int,
     streams: _Streams,
-    samples: Samples,
+    bounds: NDArray[np.float64],
+    samples: _Room,
     first: int,
     last: int,
 ) -> int:
@@ -117,7 +101,7 @@ def _fill(
     Returns:
         `last`, or the step where an episode must begin and no start is left.
     """
-    rows, n = streams.rows, len(streams.steps)
+    rows, n, n_values = streams.rows, len(streams.steps), samples.values.shape[2]
     for t in range(first, last):
         if not _begin_episodes(streams, n):
             return t
@@ -125,9 +109,15 @@ def _fill(
             r = first_tree + lane
             for feature in range(samples.observations.shape[2]):
                 samples.observations[r, t, feature] = rows[OBSERVATION + feature * LANES + lane]
-            action = _draw_action(soft, r, rows, lane, streams.generator[lane])
-            samples.actions[r, t] = action
-            rows[ACTION + lane] = action
+            leaf = draw_leaf(soft, r, rows, lane, streams.generator[lane])
+            if n_values == 0:
+                action = draw_action(soft, r, leaf, streams.generator[lane])
+                samples.actions[r, t] = action
+                rows[ACTION + lane] = action
+            for entry in range(n_values):
+                value = draw_value(soft, r, leaf, entry, rows, lane, streams.generator[lane])
+                samples.values[r, t, entry] = np.float32(value)
+                rows[ACTION + entry * LANES + lane] = clipped(value, bounds, entry)
         advance(dynamics, rows, n)
         for lane in range(n):
             r = first_tree + lane
@@ -145,11 +135,20 @@ def _fill(
     return last
 
 
-def check_soft_forest(soft: SoftForest, n_trees: int) -> None:
+def _room(samples: Samples) -> _Room:
+    """Return views of samples; one type for both kinds of action is one compilation."""
+    fields = samples._asdict()
+    if samples.actions.ndim == 2:
+        return _Room(**fields, values=np.zeros((0, 0, 0), np.float32))
+    return _Room(**{**fields, "actions": np.zeros((0, 0), np.int64)}, values=samples.actions)
+
+
+def check_soft_forest(soft: SoftForest, n_trees: int, spec: EnvironmentSpec) -> None:
     """Refuse what a kernel would read beyond its arrays or never come back from.
 
     Raises:
-        ValueError: There are more or fewer trees than streams, or a child is no later split and no leaf.
+        ValueError: There are more or fewer trees than streams, a child is no later split and no leaf, or leaves do not
+            draw the environment's actions.
     """
     n_splits, n_leaves = soft.feature.shape[1], soft.n_leaves
     children = np.stack([soft.children_left, soft.children_right])
@@ -159,6 +158,13 @@ def check_soft_forest(soft: SoftForest, n_trees: int) -> None:
     is_leaf = (children < 0) & (~children < n_leaves)
     if not (is_split | is_leaf).all():
         raise ValueError("a child must be a split behind its parent, or ~leaf; rows of padding hold ~0 twice")
+    leaves = soft.mean if spec.is_continuous else soft.probabilities
+    if leaves.shape != (n_trees, n_leaves, spec.n_actions):
+        kind = "a mean for each entry of an action" if spec.is_continuous else "a probability for each action"
+        raise ValueError(
+            f"each leaf needs {kind} of {spec.id}, [{n_trees}, {n_leaves}, {spec.n_actions}]; got "
+            f"{list(leaves.shape)}"
+        )
 
 
 class SoftStreams:
@@ -172,6 +178,7 @@ class SoftStreams:
         dynamics: Branch of `advance`.
         make_starts: Episode seeds [E] to start rows [E, START_ROWS].
         max_episode_steps: Truncation.
+        bounds: [2, A], lowest and highest value of each entry of an action; [2, 0] where an action is a number.
         rngs: [n] sources of randomness, of at most `LANES` streams.
     """
 
@@ -183,11 +190,13 @@ class SoftStreams:
         dynamics: int,
         make_starts: Callable[[NDArray[np.int64]], Starts],
         max_episode_steps: int,
+        bounds: NDArray[np.float64],
         rngs: Sequence[np.random.Generator],
     ) -> None:
         self._dynamics = dynamics
         self._make_starts = make_starts
         self._max_episode_steps = max_episode_steps
+        self._bounds = bounds
         self._rngs = rngs
         n, n_starts = len(rngs), _BLOCKS * _STARTS_PER_BLOCK
         self._streams = _Streams(
@@ -211,7 +220,7 @@ class SoftStreams:
             first: First step to write.
             last: One past the last step to write.
         """
-        t = first
+        t, room = first, _room(samples)
         while t < last:
             self._draw_starts()
             t = _fill(
@@ -220,7 +229,8 @@ class SoftStreams:
                 soft,
                 first_tree,
                 self._streams,
-                samples,
+                self._bounds,
+                room,
                 t,
                 last,
             )

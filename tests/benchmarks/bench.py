@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import hydra
-from bench_rollouts import ENVIRONMENTS, bench_linearity, bench_rollouts
+from bench_rollouts import ENVIRONMENTS, bench_linearity, bench_rollouts, bench_sums
 from rich.console import Console
 from rich.table import Table
 
@@ -143,6 +143,7 @@ def until_shown(environment: str, enough: float, seeds: range) -> tuple[str, str
 if __name__ == "__main__":
     argparse.ArgumentParser(description="Measure the speed of the program beside its rivals.").parse_args()
     bench_rollouts()
+    bench_sums()
     bench_linearity()
     bench_runs()
     bench_scaling()

@@ -23,6 +23,7 @@ from ge_torchrl.ge.operators import random_population
 from ge_torchrl.ge.rule_tables import compile_rules
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import simplify
+from ge_torchrl.trees.tree import DecisionTree
 
 ENVIRONMENTS = ("cartpole", "mountaincar", "acrobot")
 TREES, EPISODES = 200, 128
@@ -154,6 +155,49 @@ def bench_rollouts() -> None:
     console.print(table)
 
 
+def summing_trees():
+    """Three splits on one feature each, on four, and rules of a split and two laws: name, environment, trees."""
+    leaf, law, rng = DecisionTree.leaf, DecisionTree.value_leaf, np.random.default_rng(0)
+
+    def three_splits(n_terms: int) -> DecisionTree:
+        # The features are sines, cosines and speeds, in this order.
+        features, weights = [4, 5, 1, 3][:n_terms], [1.0, 0.3, 0.2, 0.1][:n_terms]
+        thresholds = rng.normal(size=3) * 0.3
+        halves = [
+            DecisionTree.weighted_split(features, weights, float(threshold), leaf(0), leaf(2))
+            for threshold in thresholds[1:]
+        ]
+        return DecisionTree.weighted_split(features, weights, float(thresholds[0]), *halves)
+
+    def force(*slopes: float) -> DecisionTree:
+        split_on = len(slopes) - 1
+        laws = [law([0.1], {f: [slope * factor] for f, slope in enumerate(slopes)}) for factor in (1.0, 0.7)]
+        return DecisionTree.split(split_on, float(rng.normal() * 0.01), *laws)
+
+    yield "Acrobot-v1, 3 splits", "Acrobot-v1", [three_splits(1) for _ in range(TREES)]
+    yield "Acrobot-v1, 3 splits of 4 terms", "Acrobot-v1", [three_splits(4) for _ in range(TREES)]
+    yield "Pendulum-v1, 2 laws", "Pendulum-v1", [force(-1.0, -9.0, -2.0) for _ in range(TREES)]
+    two_laws = [force(0.3, 20.0) for _ in range(TREES)]
+    yield "MountainCarContinuous-v0, 2 laws", "MountainCarContinuous-v0", two_laws
+
+
+def bench_sums() -> None:
+    """Print what weighted sums cost in splits and in leaves."""
+    table = Table(title=f"{TREES} trees of sums: million environment steps a second")
+    for column in ("trees", "5 episodes a tree", f"{EPISODES} episodes"):
+        table.add_column(column, justify="left" if column == "trees" else "right")
+    for name, environment_id, trees in summing_trees():
+        backend, forest, cells = KernelBackend(describe(environment_id)), Forest.stack(trees), []
+        for n_episodes in (5, EPISODES):
+            seeds = np.arange(n_episodes)
+            steps = backend.evaluate(forest, seeds, "bench").env_steps
+            seconds = best_of(7, lambda b=backend, f=forest, s=seeds: b.evaluate(f, s, "bench"))
+            cells.append(f"{steps / seconds / 1e6:.0f}")
+        backend.close()
+        table.add_row(name, *cells)
+    console.print(table)
+
+
 def bench_linearity() -> None:
     """Print how the cost grows with the number of trees and of episodes."""
     table = Table(title="Cost is linear: seconds of evaluating random trees of CartPole (best of 7)")
@@ -180,4 +224,5 @@ def bench_linearity() -> None:
 if __name__ == "__main__":
     argparse.ArgumentParser(description="Measure the speed of the program beside its rivals.").parse_args()
     bench_rollouts()
+    bench_sums()
     bench_linearity()

@@ -4,9 +4,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from strategies import observed_trees
-from trees_of_all_kinds import PUBLISHED, all_kinds, oblique_trees
+from trees_of_all_kinds import DISCRETE, PUBLISHED, all_kinds, oblique_trees
 
-from ge_torchrl.environments.dynamics import DYNAMICS
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend
 from ge_torchrl.environments.spec import describe
@@ -41,7 +40,7 @@ def evaluated(both, trees, seeds):
     return [backend.evaluate(forest, seeds, "test", visits=True) for backend in both]
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_random_trees_have_the_same_episodes(environment_id, both):
     trees = observed_trees(environment_id, TREES[environment_id], seed=1)
     ours, theirs = evaluated(both(environment_id), trees, np.array([11]))
@@ -52,7 +51,7 @@ def test_random_trees_have_the_same_episodes(environment_id, both):
     assert len(np.unique(theirs.returns)) > 5
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_trees_of_weighted_sums_have_the_same_episodes(environment_id, both):
     trees = oblique_trees(environment_id, 60, seed=2)
     assert sum(not tree.is_axis_aligned for tree in trees) > 30
@@ -62,7 +61,7 @@ def test_trees_of_weighted_sums_have_the_same_episodes(environment_id, both):
     assert len(np.unique(theirs.returns)) > 2
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_long_episodes_of_a_good_tree_are_nearly_all_equal(environment_id, both):
     ours, theirs = evaluated(both(environment_id), [PUBLISHED[environment_id][0]], np.arange(100))
     equal = ours.returns == theirs.returns
@@ -94,7 +93,7 @@ def plain_gymnasium(environment_id, tree, seed):
     return np.array(observations), np.array(actions), np.array(rewards), terminated, truncated
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_a_recorded_episode_is_that_of_a_plain_loop(environment_id, both):
     # Early in an episode differences of a last bit are still small.
     tree = split(0, 0.01, leaf(0), leaf(1)) if environment_id == "CartPole-v1" else leaf(2)
@@ -109,7 +108,7 @@ def test_a_recorded_episode_is_that_of_a_plain_loop(environment_id, both):
         assert backend.steps == {"record": len(actions)}
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_trees_observe_the_same_training_episodes(environment_id, both):
     trees = [PUBLISHED[environment_id][0], leaf(1), oblique_trees(environment_id, 9, seed=4)[3]]
     seen = [

@@ -4,21 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from continuous_trees import values_of
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import observations, trees, weighted_trees
-from trees_of_all_kinds import PUBLISHED, all_kinds
+from strategies import observations, trees, value_trees, weighted_trees
+from trees_of_all_kinds import DISCRETE, PUBLISHED, all_kinds
 
 from ge_torchrl.environments import decisions
-from ge_torchrl.environments.dynamics import ACTION, DYNAMICS, LANE_ROWS, LANES, OBSERVATION
+from ge_torchrl.environments.dynamics import DYNAMICS
 from ge_torchrl.environments.kernel_backend import KernelBackend
-from ge_torchrl.environments.rollouts import SELECT_MIN_EPISODES
+from ge_torchrl.environments.lanes import ACTION, LANE_ROWS, LANES, OBSERVATION
+from ge_torchrl.environments.recording import record_steps
+from ge_torchrl.environments.rollouts import SELECT_MIN_EPISODES, run_forest
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf = DecisionTree.leaf
+NO_BOUNDS = np.zeros((2, 0))
 
 
 def lanes_of(observed):
@@ -49,10 +53,35 @@ def selected(forest, tree, observed):
     return rows[ACTION : ACTION + len(observed)]
 
 
-def walked(decide, forest, tree, observed):
+def selected_by_sums(forest, tree, observed, bounds, by_number):
+    """[B, A], by selects of sums, of which leaves are evaluated before or after."""
+    rows, visits = lanes_of(observed), no_visits()
+    values = decisions.leaf_values(forest.arrays, tree, by_number)
+    if forest.n_values == 1 and not by_number:
+        decisions.evaluate_leaves(rows, values, forest.arrays, tree, bounds)
+    decisions.decide_by_selects_of_sums(rows, values, forest.arrays, tree)
+    if by_number:
+        decisions.look_up_answers(rows, forest.arrays, tree, bounds, visits, len(observed))
+    return actions_of(rows, observed, forest.n_values)
+
+
+def actions_of(rows, observed, n_values):
+    """[B] actions or [B, A] values of lanes."""
+    first = ACTION // LANES
+    values = rows.reshape(LANE_ROWS, LANES)[first : first + max(n_values, 1), : len(observed)].T
+    return values if n_values else values[:, 0]
+
+
+def walked(forest, tree, observed):
     lanes = walking(forest, tree, observed)
-    decide(lanes, forest.arrays, no_visits(), len(observed))
-    return lanes.rows[ACTION : ACTION + len(observed)]
+    decisions.decide_by_walks(lanes, forest.arrays, no_visits(), len(observed))
+    return actions_of(lanes.rows, observed, 0)
+
+
+def summed(forest, tree, observed, bounds=NO_BOUNDS):
+    lanes = walking(forest, tree, observed)
+    decisions.decide_by_sums(lanes, forest.arrays, bounds, no_visits(), len(observed))
+    return actions_of(lanes.rows, observed, forest.n_values)
 
 
 @given(st.data(), trees(), weighted_trees())
@@ -62,17 +91,35 @@ def test_selects_walks_and_sums_decide_as_numpy_does(data, tree, before):
     expected = tree.decide(observed)
     mixed = Forest.stack([before, tree])
     np.testing.assert_array_equal(selected(mixed, 1, observed), expected)
-    np.testing.assert_array_equal(walked(decisions.decide_by_sums, mixed, 1, observed), expected)
+    np.testing.assert_array_equal(summed(mixed, 1, observed), expected)
     aligned = Forest.stack([leaf(0), tree])
-    np.testing.assert_array_equal(walked(decisions.decide_by_walks, aligned, 1, observed), expected)
+    np.testing.assert_array_equal(walked(aligned, 1, observed), expected)
 
 
 @given(st.data(), weighted_trees(), weighted_trees())
 def test_sums_decide_as_numpy_does_for_any_weights(data, tree, before):
     observed = data.draw(observations(tree))
     forest = Forest.stack([before, tree])
-    decided = walked(decisions.decide_by_sums, forest, 1, observed)
-    np.testing.assert_array_equal(decided, tree.decide(observed))
+    expected = tree.decide(observed)
+    np.testing.assert_array_equal(summed(forest, 1, observed), expected)
+    for by_number in (False, True):
+        decided = selected_by_sums(forest, 1, observed, NO_BOUNDS, by_number)
+        np.testing.assert_array_equal(decided, expected)
+
+
+@given(st.data(), st.integers(1, 3))
+def test_values_are_numpys_within_their_bounds(data, n_values):
+    """Summed in float64 in the order of the terms, rounded to float32, then clipped, in every way to decide."""
+    before, tree = (data.draw(value_trees(n_values=n_values)) for _ in range(2))
+    observed = np.nan_to_num(data.draw(observations(tree)))
+    ends = data.draw(st.lists(st.tuples(*[st.floats(width=32, allow_nan=False)] * 2), min_size=3, max_size=3))
+    bounds = np.sort(ends[:n_values], axis=1).T.astype(float)
+    forest = Forest.stack([before, tree])
+    expected = np.clip(tree.decide(observed), *bounds.astype(np.float32))
+    np.testing.assert_array_equal(summed(forest, 1, observed, bounds), expected)
+    for by_number in (True,) if n_values > 1 else (False, True):
+        decided = selected_by_sums(forest, 1, observed, bounds, by_number)
+        np.testing.assert_array_equal(decided, expected)
 
 
 @pytest.mark.parametrize("environment_id", DYNAMICS)
@@ -88,8 +135,11 @@ def test_every_step_of_every_kind_of_tree_is_the_trees_own(environment_id, n_epi
         counted = np.zeros(tree.num_leaves, np.int64)
         for e, seed in enumerate(seeds):
             played = backend.record(tree, int(seed))
-            np.testing.assert_array_equal(played.actions, tree.decide(played.observations[:-1]))
-            assert played.rewards.sum() == outcomes.returns[p, e]
+            seen, is_force = played.observations[:-1], backend.spec.is_continuous
+            expected = values_of(backend.spec, tree, seen) if is_force else tree.decide(seen)
+            np.testing.assert_array_equal(played.actions, expected)
+            assert played.actions.dtype == (np.float32 if is_force else np.int64)
+            assert sum(played.rewards.tolist()) == outcomes.returns[p, e]
             assert len(played.rewards) == outcomes.lengths[p, e]
             assert played.terminated or played.truncated
             counted += np.bincount(tree.leaf_of(played.observations[:-1]), minlength=tree.num_leaves)
@@ -123,7 +173,7 @@ def test_an_episode_depends_on_its_tree_and_seed_alone(environment_id, n_episode
         np.testing.assert_array_equal(lonely.returns[:, 0], crowd.returns[:, e])
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_published_trees_have_their_published_means(environment_id, opened):
     tree, mean = PUBLISHED[environment_id]
     outcomes = opened(environment_id, 2).evaluate(Forest.stack([tree]), np.arange(1000), "test")
@@ -198,3 +248,28 @@ def test_an_environment_that_is_made_otherwise_has_no_kernel(opened):
         with pytest.raises(EnvironmentFaultError, match=r"env\.route=kernel needs a kernel"):
             KernelBackend(other)
     assert opened("CartPole-v1", max_episode_steps=7).spec.max_episode_steps == 7
+
+
+def test_trees_whose_answers_are_no_actions_here_are_refused(opened):
+    force, values = opened("Pendulum-v1"), DecisionTree.value_leaf
+    for backend, tree, said in (
+        (force, leaf(0), "Pendulum-v1 takes 1 values a leaf; these trees hold actions"),
+        (force, values([0.0, 1.0]), "these trees hold 2 values a leaf"),
+        (opened("CartPole-v1"), values([0.0]), "CartPole-v1 takes actions; these trees hold 1 values a leaf"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            backend.evaluate(Forest.stack([tree]), np.arange(2), "test")
+        with pytest.raises(ValueError, match=said):
+            backend.record(tree, 0)
+        with pytest.raises(ValueError, match=said):
+            backend.observe([tree], 3, [np.random.default_rng(0)], "test")
+
+
+def test_trees_with_actions_and_with_values_run_in_one_compilation(opened):
+    opened("CartPole-v1").evaluate(Forest.stack([leaf(0)]), np.arange(2), "test")
+    opened("CartPole-v1").record(leaf(0), 0)
+    known = run_forest.signatures, record_steps.signatures
+    for tree in all_kinds("Pendulum-v1"):
+        opened("Pendulum-v1").evaluate(Forest.stack([tree]).take([0]), np.arange(2), "test")
+        opened("Pendulum-v1").record(tree, 0)
+    assert (run_forest.signatures, record_steps.signatures) == known

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from soft_forests_for_tests import calibration, hard_forest, mixtures, soft_forest
 from strategies import observed_trees
+from trees_of_all_kinds import DISCRETE
 
 from ge_torchrl.environments.backend import Samples
-from ge_torchrl.environments.dynamics import DYNAMICS
 from ge_torchrl.environments.kernel_backend import KernelBackend
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.seeding import episode_seeds
@@ -16,6 +16,7 @@ from ge_torchrl.trees.tree import DecisionTree
 leaf, split = DecisionTree.leaf, DecisionTree.split
 # Steep enough to take sides, not so steep that the sides are all that counts.
 ALPHAS = {"CartPole-v1": 20.0, "Acrobot-v1": 2.0, "MountainCar-v0": 50.0}
+N_ACTIONS = {"CartPole-v1": 2, "Acrobot-v1": 3, "MountainCar-v0": 3}
 
 
 def tree_of(environment_id, seed=5):
@@ -44,11 +45,10 @@ def sampled():
         backend.close()
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_actions_are_drawn_from_the_mixture(environment_id, sampled):
-    n_actions = describe(environment_id).n_actions
     trees = [tree_of(environment_id), leaf(1), tree_of(environment_id, seed=6)]
-    soft = soft_forest(trees, n_actions, ALPHAS[environment_id], sharpness=3.0)
+    soft = soft_forest(trees, N_ACTIONS[environment_id], ALPHAS[environment_id], sharpness=3.0)
     samples = sampled(environment_id, soft, 20_000, rngs=generators(3))
     blunter = soft._replace(alpha=soft.alpha / 3)
     of_blunter = []
@@ -59,10 +59,11 @@ def test_actions_are_drawn_from_the_mixture(environment_id, sampled):
     assert max(of_blunter) > 6, "a wrong steepness would be noticed"
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_episodes_are_gymnasiums(environment_id, sampled):
-    n_actions = describe(environment_id).n_actions
-    soft = soft_forest([tree_of(environment_id)] * 2, n_actions, ALPHAS[environment_id], sharpness=3.0)
+    soft = soft_forest(
+        [tree_of(environment_id)] * 2, N_ACTIONS[environment_id], ALPHAS[environment_id], sharpness=3.0
+    )
     samples = sampled(environment_id, soft, 240, rngs=generators(2), max_episode_steps=12)
     environment = gym.make(environment_id, max_episode_steps=12)
     for r, rng in enumerate(generators(2)):
@@ -90,25 +91,27 @@ def assert_equal(some, others):
         np.testing.assert_array_equal(getattr(some, name), getattr(others, name), err_msg=name)
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_how_calls_cut_the_streams_does_not_matter(environment_id, sampled):
-    soft = soft_forest(observed_trees(environment_id, 3, seed=5), 3, ALPHAS[environment_id])
+    soft = soft_forest(
+        observed_trees(environment_id, 3, seed=5), N_ACTIONS[environment_id], ALPHAS[environment_id]
+    )
     whole = sampled(environment_id, soft, 2000, rngs=generators(3), max_episode_steps=30)
     parts = (1, 29, 900, 0, 1070)
     assert_equal(sampled(environment_id, soft, *parts, rngs=generators(3), max_episode_steps=30), whole)
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_a_stream_is_the_same_alone_and_beside_others_on_any_number_of_threads(environment_id, sampled):
     """Nineteen streams are several groups; lone leaves and larger trees stand side by side, padded."""
     trees = [*observed_trees(environment_id, 18, seed=7), leaf(0)]
-    soft = soft_forest(trees, 3, ALPHAS[environment_id])
+    soft = soft_forest(trees, N_ACTIONS[environment_id], ALPHAS[environment_id])
     together = sampled(environment_id, soft, 400, rngs=generators(19), max_episode_steps=50)
     for threads in (2, 3):
         again = sampled(environment_id, soft, 400, rngs=generators(19), threads=threads, max_episode_steps=50)
         assert_equal(again, together)
     for r in (0, 9, 18):
-        lone = soft_forest([trees[r]], 3, ALPHAS[environment_id])
+        lone = soft_forest([trees[r]], N_ACTIONS[environment_id], ALPHAS[environment_id])
         alone = sampled(environment_id, lone, 400, rngs=generators(19)[r : r + 1], max_episode_steps=50)
         assert_equal(alone, Samples(*(column[r : r + 1] for column in together)))
 
@@ -119,11 +122,10 @@ def test_other_seeds_give_other_streams(sampled):
     assert (samples.actions[0] != samples.actions[1]).any()
 
 
-@pytest.mark.parametrize("environment_id", DYNAMICS)
+@pytest.mark.parametrize("environment_id", DISCRETE)
 def test_an_infinitely_steep_tree_is_the_hard_one(environment_id, sampled):
     trees = observed_trees(environment_id, 6, seed=8)
-    n_actions = describe(environment_id).n_actions
-    samples = sampled(environment_id, hard_forest(trees, n_actions), 3000, rngs=generators(6))
+    samples = sampled(environment_id, hard_forest(trees, N_ACTIONS[environment_id]), 3000, rngs=generators(6))
     for r, tree in enumerate(trees):
         np.testing.assert_array_equal(samples.actions[r], tree.decide(samples.observations[r]))
 

@@ -1,6 +1,7 @@
 """Trees for backends: published ones, and every kind that is decided in a way of its own."""
 
 import numpy as np
+from continuous_trees import CONTINUOUS, all_force_kinds
 from strategies import observed_trees
 
 from ge_torchrl.environments.rollouts import SELECT_MAX_SPLITS
@@ -8,6 +9,7 @@ from ge_torchrl.environments.spec import describe
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
+DISCRETE = ("CartPole-v1", "Acrobot-v1", "MountainCar-v0")
 PUBLISHED = {
     "CartPole-v1": (split(2, 0.0154, split(3, 0.2290, leaf(0), leaf(1)), leaf(1)), 499.968),
     "Acrobot-v1": (
@@ -61,6 +63,8 @@ def large_tree(environment_id, seed=0):
 
 def all_kinds(environment_id, seed=3):
     """Trees of every way to decide, an oblique one in front of axis-aligned ones and behind them."""
+    if environment_id in CONTINUOUS:
+        return all_force_kinds(environment_id, seed)
     oblique = oblique_trees(environment_id, 4, seed)
     return [
         *oblique[:2],
