@@ -110,7 +110,7 @@ class Border:
     def __init__(self, spec: EnvironmentSpec, witness: Witness) -> None:
         self._spec = spec
         self.watched_by(witness)
-        self._environment = make_gymnasium(spec)
+        self._environment: Any = make_gymnasium(spec)
         self._lean_step, self._lean_reset, self._limit = lean(self._environment, spec.max_episode_steps)
         self._first_action = spec.first_action
         self._is_continuous = spec.is_continuous
@@ -192,8 +192,11 @@ class Border:
         return values, number, terminated, truncated
 
     def close(self) -> None:
-        """Close the environment."""
-        self._environment.close()
+        """Close the environment, and let go of it: a simulator may be large, and who holds a border may live long."""
+        environment, self._environment = self._environment, None
+        if environment is not None:
+            environment.close()
+            del self._lean_step, self._lean_reset
 
     def _array_of(self, action: list[float]) -> NDArray[Any]:
         # The bounds are float32: to round first would give the same. Environments keep and change what they are given,

@@ -22,7 +22,7 @@ from ge_torchrl.environments.backend import (
 )
 from ge_torchrl.environments.border import Witness
 from ge_torchrl.environments.gymnasium_runner import Jobs, LedgerWatch, Played, Runner, Watch
-from ge_torchrl.environments.gymnasium_workers import Workers
+from ge_torchrl.environments.gymnasium_workers import Workers, portable
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.seeding import episode_seeds
@@ -60,7 +60,8 @@ class GymnasiumBackend(Accountable):
         workers: As given, for others who step the environment in processes of their own.
 
     Raises:
-        EnvironmentFaultError: The environment breaks its word in its first few hundred steps.
+        EnvironmentFaultError: The environment breaks its word in its first few hundred steps, or cannot be sent to the
+            processes that were asked for.
     """
 
     name = "gymnasium"
@@ -71,6 +72,9 @@ class GymnasiumBackend(Accountable):
         self.workers = workers
         self._n_workers = workers or available_cores()
         self._pool: Workers | None = None
+        if workers > 1:
+            # Told at once, and not when the first work is sent.
+            portable(spec)
         self._runner = Runner(spec)
         one_process, self._likely_length = self._probe()
         self.steps_per_second = one_process * self._n_workers

@@ -1,6 +1,7 @@
 """What an environment does wrong is told in one line, or warned of once and scored as it is."""
 
 import logging
+import re
 
 import faulty_environments as faulty
 import numpy as np
@@ -99,6 +100,18 @@ def test_a_late_fault_names_seed_step_and_action_and_its_steps_are_counted(open_
     backend = open_gymnasium(faulty.LateNaNEnv)
     with pytest.raises(EnvironmentFaultError, match=r"NaN.*; episode seed 9999, step 2, action 1 \(a1\)"):
         backend.evaluate(Forest.stack([leaf(1)]), np.array([9999]), "fitness")
+    assert backend.steps == {"fitness": 2}
+
+
+@pytest.mark.parametrize("fault", faulty.LATE_FAULTS)
+def test_late_faults_are_one_line_with_id_seed_step_and_action(open_gymnasium, monkeypatch, fault):
+    monkeypatch.setattr(faulty.LateFaultEnv, "fault", fault)
+    backend = open_gymnasium(faulty.LateFaultEnv)
+    with pytest.raises(EnvironmentFaultError) as caught:
+        backend.evaluate(Forest.stack([leaf(1)]), np.array([9999]), "fitness")
+    where = r"; episode seed 9999, step 2, action 1 \(a1\)"
+    expected = r"env\.id=TestLateFaultEnv-v0 " + faulty.LATE_FAULTS[fault][2] + where
+    assert re.fullmatch(expected, str(caught.value))
     assert backend.steps == {"fitness": 2}
 
 

@@ -110,7 +110,7 @@ def test_an_environment_that_cannot_be_sent_is_told_or_played_here(open_gymnasiu
     with pytest.raises(
         EnvironmentFaultError, match=r'cannot be sent to worker.*"module:Class".*env\.workers=1'
     ):
-        open_gymnasium(described, workers=2).evaluate(forest, np.arange(4), "fitness")
+        open_gymnasium(described, workers=2)
     monkeypatch.setattr(gymnasium_backend, "_START_SECONDS", 0.0)
     monkeypatch.setattr(gymnasium_backend, "available_cores", lambda: 2)
     assert open_gymnasium(described, workers=0).evaluate(forest, np.arange(4), "fitness").env_steps > 0
@@ -123,6 +123,21 @@ def test_only_the_cores_of_this_process_are_counted(monkeypatch):
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.setattr(os, "cpu_count", lambda: None)
     assert backend_module.available_cores() == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system has no affinity")
+def test_on_one_core_there_is_one_worker(open_gymnasium, monkeypatch):
+    """As after `taskset`: other cores are there, and are not ours."""
+    monkeypatch.setattr(gymnasium_backend, "_START_SECONDS", 0.0)
+    monkeypatch.setattr(gymnasium_backend, "_SEND_SECONDS", 0.0)
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        backend = open_gymnasium(WalkEnv, workers=0)
+        assert backend._workers_for(100, 1e9) is None
+    finally:
+        os.sched_setaffinity(0, allowed)
+    assert (open_gymnasium(WalkEnv, workers=0)._workers_for(100, 1e9) is None) == (len(allowed) == 1)
 
 
 REGISTERING = """

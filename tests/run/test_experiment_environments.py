@@ -1,9 +1,17 @@
 """Runs of environments that are not ours."""
 
+import re
+
 import gymnasium as gym
 import pytest
 from environments_for_tests import CountdownEnv
-from faulty_environments import LateNaNEnv, RaisingEnv
+from faulty_environments import (
+    LATE_FAULTS,
+    DyingLateEnv,
+    LateFaultEnv,
+    LateNaNEnv,
+    RaisingEnv,
+)
 from runs_for_tests import assert_untested, config, run
 from walks_for_tests import BNF, registered
 
@@ -55,3 +63,40 @@ class TestOwnEnvironments:
             run(own(env), tmp_path / "run")
         assert_untested(RunFolder(tmp_path / "run"))
         assert gym.registry.get("Walk-v0") is None
+
+    @pytest.mark.parametrize("fault", ["column", "scalar", "array reward", "no reward", "infinite reward"])
+    def test_whatever_comes_back_is_told_in_one_line_and_the_best_tree_is_kept(self, tmp_path, fault):
+        class Late(LateFaultEnv):
+            """Breaks its word in the first test episode."""
+
+            def reset(self, *, seed=None, options=None):
+                first = int(episode_seeds("test", 5, stream(0, "test episodes"))[0])
+                return super().reset(seed=9999 if seed == first else seed, options=options)
+
+        Late.fault = fault
+        with registered(Late) as env, pytest.raises(EnvironmentFaultError) as caught:
+            run(own(env), tmp_path / "run")
+        told = rf"env\.id=Walk-v0 {LATE_FAULTS[fault][2]}; episode seed \d+, step 2, action [01] \(a[01]\); "
+        assert re.fullmatch(told + r"the best tree so far is in .*run, untested", str(caught.value))
+        assert_untested(RunFolder(tmp_path / "run"))
+
+    def test_so_is_a_worker_that_dies(self, tmp_path):
+        with (
+            registered(DyingLateEnv) as env,
+            pytest.raises(EnvironmentFaultError, match=r"worker process of env\.id=Walk-v0 died.*untested$"),
+        ):
+            run(own({**env, "workers": 2}), tmp_path / "run")
+        assert_untested(RunFolder(tmp_path / "run"))
+
+    def test_an_entry_point_that_cannot_be_sent_is_told_before_anything_is_done(self, tmp_path):
+        class Local(CountdownEnv):
+            """No other process can import it."""
+
+        with (
+            registered(Local) as env,
+            pytest.raises(
+                EnvironmentFaultError, match=r'cannot be sent to worker.*"module:Class".*workers=1'
+            ),
+        ):
+            run(own({**env, "workers": 2}), tmp_path / "run")
+        assert not (tmp_path / "run").exists()

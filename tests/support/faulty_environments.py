@@ -7,6 +7,8 @@ import gymnasium as gym
 import numpy as np
 from environments_for_tests import CountdownEnv, ThrustEnv, WalkEnv
 
+from ge_torchrl.seeding import episode_seeds, stream
+
 
 class FailingEnv(CountdownEnv):
     """Fails in its third step, each subclass in its own way."""
@@ -131,6 +133,15 @@ class DyingEnv(CountdownEnv):
         return super().step(action)
 
 
+class DyingLateEnv(WalkEnv):
+    """Ends its process in the first test episode of a run of seed 0."""
+
+    def reset(self, *, seed=None, options=None):
+        if seed == int(episode_seeds("test", 5, stream(0, "test episodes"))[0]):
+            os._exit(3)
+        return super().reset(seed=seed, options=options)
+
+
 class WideEnv(WalkEnv):
     """Says that it observes [0, 1], and observes up to 4."""
 
@@ -192,3 +203,39 @@ class SlowStepEnv(WalkEnv):
     def step(self, action):
         time.sleep(0.002)
         return super().step(action)
+
+
+class LateFaultEnv(WalkEnv):
+    """The walk, which breaks its word in the third step of the episode of seed 9999."""
+
+    fault = "column"
+
+    def reset(self, *, seed=None, options=None):
+        self.steps_left = 3 if seed == 9999 else 10**9
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action):
+        self.steps_left -= 1
+        observation, reward, _, *rest = super().step(action)
+        returned = [observation, reward, abs(self.place) == 5 and self.steps_left > 10, *rest]
+        if self.steps_left == 0:
+            place, value, _ = LATE_FAULTS[self.fault]
+            returned[place] = value
+        return tuple(returned)
+
+
+# Which of the five values that a step returns, what it is, and what is said of it.
+LATE_FAULTS = {
+    "column": (
+        0,
+        np.zeros((2, 1), np.float32),
+        r"must return observations of 2 numbers.*of shape \(2, 1\).*",
+    ),
+    "long": (0, np.zeros(3, np.float32), r"must return observations of 2 numbers.*of shape \(3,\).*"),
+    "scalar": (0, np.float32(0), r"must return observations of 2 numbers.*of shape \(\).*"),
+    "number": (0, 0.5, r"must return observations of 2 numbers.*got 0\.5, of shape \(\).*"),
+    "array reward": (1, np.ones(1), r"must return a reward that is one number; got array\(\[1\.\]\)"),
+    "no reward": (1, None, r"must return a reward that is one number; got None"),
+    "infinite reward": (1, np.inf, r"returned a reward that is not a finite number, inf"),
+    "float32 reward": (1, np.float32(-np.inf), r"returned a reward that is not a finite number, -inf"),
+}

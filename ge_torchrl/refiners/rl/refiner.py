@@ -10,6 +10,7 @@ import torch
 
 from ge_torchrl.config import PPOConfig
 from ge_torchrl.environments.backend import Backend
+from ge_torchrl.environments.instances import copies_that_fit
 from ge_torchrl.refiners.protocol import FIRST, Effort, Refined
 from ge_torchrl.refiners.rl.actor_critic import SoftTrees, ValueNetworks, make_actor
 from ge_torchrl.refiners.rl.ddt import soften
@@ -45,11 +46,13 @@ class PPORefiner:
     ) -> list[Refined]:
         """Refine trees side by side, each as if it were alone; see `Refiner`.
 
-        Which trees make one batch depends on their places in the list alone, and so do the bits of the result.
+        Which trees make one batch depends on their places in the list and on the size of the environment alone, and so
+        do the bits of the result.
         """
         refined: list[Refined] = []
-        for first in range(0, len(trees), CHUNK):
-            chunk = slice(first, first + CHUNK)
+        together = _trees_with_room(self._backend)
+        for first in range(0, len(trees), together):
+            chunk = slice(first, first + together)
             refined += self._refine(trees[chunk], rngs[chunk], effort)
         return refined
 
@@ -94,3 +97,14 @@ class PPORefiner:
             generators=generators,
             straight_through=config.straight_through,
         )
+
+
+def _trees_with_room(backend: Backend) -> int:
+    """Return how many trees are trained together: fewer where copies of the environment are large."""
+    # Kernels sample without copies.
+    copies = None if backend.name == "kernel" else copies_that_fit(backend.spec)
+    if copies is None:
+        return CHUNK
+    from ge_torchrl.refiners.rl.collecting import COPIES
+
+    return min(CHUNK, max(copies // COPIES, 1))
