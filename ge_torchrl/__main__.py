@@ -12,7 +12,6 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, lambda *_: os._exit(130))
 
 import argparse
-import difflib
 import itertools
 import secrets
 import sys
@@ -37,19 +36,21 @@ from omegaconf._utils import get_omega_conf_dumper
 from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
-from ge_torchrl.cli import VERBS
+from ge_torchrl.cli import verb_of
+from ge_torchrl.cli.choices import CONF, added_folder, choices, config_from, folder_from
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
+from ge_torchrl.cli.parser import options_of_run
+from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR
-from ge_torchrl.config import MAPPINGS, Config, check_choice, check_group, check_key, template
+from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unknown_choice
+from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 
-_LONGEST_NAME = 160
 # Where Hydra makes the folders of runs.
 _FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
 _VERSION_BASE = "1.3"
-_PACKAGE = Path(__file__).resolve().parent
-# A wheel carries the configuration within the package, a checkout beside it.
-_CONF = next(path for path in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if path.is_dir())
+# Hydra then raises its exceptions instead of printing them.
+_FULL_ERROR = {"HYDRA_FULL_ERROR": "1"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -63,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if __name__ == "__main__":
             signal.signal(signal.SIGINT, signal.default_int_handler)
         prepare_output()
-        verb = _verb(arguments)
+        verb = verb_of(arguments)
         status = verb(arguments[1:]) if verb else _run(arguments)
         sys.stdout.flush()
     except UserError as error:
@@ -75,14 +76,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             return OUTPUT_CLOSED
         raise
     return status
-
-
-def _verb(arguments: Sequence[str]) -> Callable[[list[str]], int] | None:
-    """Return the command that the first word names; None where the words are those of a run."""
-    word = arguments[0] if arguments else ""
-    if word not in VERBS and (meant := difflib.get_close_matches(word, VERBS, n=1)):
-        raise UserError(f"{word} is unknown; expected key=value, such as seed=3, or {meant[0]}; got {word!r}")
-    return VERBS.get(word)
 
 
 def _run(arguments: list[str]) -> int:
@@ -107,8 +100,9 @@ def _run(arguments: list[str]) -> int:
     if options.cfg == "job":
         # A value that follows from others is shown as what it is, not as how it follows.
         arguments = ["--resolve", *arguments]
-    launch = hydra.main(version_base=_VERSION_BASE, config_path=str(_CONF), config_name="config")(job)
-    with _command_line(arguments), _in_our_words(), _folder_told(options):
+    launch = hydra.main(version_base=_VERSION_BASE, config_path=str(CONF), config_name="config")(job)
+    folder = "hydra.sweep.dir" if options.multirun else "hydra.run.dir"
+    with seen_by_others(arguments, _FULL_ERROR), _in_our_words(), folder_told(folder):
         try:
             launch()
         except _JobFailedError as failed:
@@ -157,7 +151,7 @@ def _check(options: argparse.Namespace) -> None:
     """Compose and validate every job of the command line; nothing is written."""
     if options.shell_completion or options.hydra_help:
         return
-    conf = _PACKAGE / (options.config_path or _CONF)
+    conf = folder_from(options.config_path)
     sweep = options.multirun or "hydra.mode=MULTIRUN" in options.overrides
     with _in_our_words(), hydra.initialize_config_dir(str(conf), version_base=_VERSION_BASE):
         loader = GlobalHydra.instance().config_loader()
@@ -188,16 +182,7 @@ def _searched(config_dir: str | None, config_name: str) -> list[str]:
     """Return the override that makes `compose` look into the folder of --config-dir too."""
     if config_dir is None:
         return []
-    folder = Path(config_dir).resolve()
-    if not folder.is_dir():
-        raise ConfigError(f"--config-dir must be a folder with choices; got {config_dir}")
-    name = Path(config_name).with_suffix(".yaml").name
-    if (folder / name).is_file() and (_CONF / name).is_file():
-        raise ConfigError(
-            f"--config-dir must be a folder with choices alone, because its {name} would not be read; "
-            f"got {config_dir}; a run's {name} is read by --config-path {folder} --config-name {config_name}"
-        )
-    quoted = str(folder).replace("'", r"\'")
+    quoted = str(added_folder(config_dir, config_name)).replace("'", r"\'")
     return [f"hydra.searchpath=['{quoted}']"]
 
 
@@ -235,18 +220,11 @@ def _check_override(override: Override, *, sweep: bool) -> None:
     names_a_file = override.is_sweep_override() or override.is_delete() or isinstance(override.value(), str)
     if names_a_file:
         check_group(key)
-    if (choices := _choices(key)) and not names_a_file:
-        raise ConfigError(f"{key} must be one of {', '.join(choices)}; got {override.get_value_string()}")
+    if (offered := choices(key)) and not names_a_file:
+        raise ConfigError(f"{key} must be one of {', '.join(offered)}; got {override.get_value_string()}")
     # The other keys are Hydra's own, and its choices of files (group=choice, group/sub=choice, group@place=choice).
     if "/" not in key and key.partition(".")[0] not in ("hydra", "experiment"):
         check_key(key)
-
-
-def _choices(group: str) -> list[str]:
-    """Return what a group of conf/ offers, `thesis/cartpole` for a file in a subfolder."""
-    folder = _CONF / group
-    paths = (path for path in folder.rglob("*.yaml") if not path.name.startswith("_"))
-    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
 
 
 def _jobs(overrides: Sequence[Override]) -> Iterable[tuple[str, ...]]:
@@ -261,15 +239,7 @@ def _jobs(overrides: Sequence[Override]) -> Iterable[tuple[str, ...]]:
 
 
 def _config_from(values: DictConfig) -> Config:
-    plain = OmegaConf.to_container(values, resolve=True)
-    if not isinstance(plain, dict):
-        raise ConfigError(f"the configuration must be keys with values; got {type(plain).__name__}")
-    if isinstance(env := plain.get("env"), dict) and {"env", "grammar"} & set(env):
-        first_line = "# @package _global_"
-        raise ConfigError(
-            f"a file of env with the sections env and grammar must begin with {first_line}; got none"
-        )
-    return Config.from_mapping({str(key): value for key, value in plain.items()})
+    return config_from(OmegaConf.to_container(values, resolve=True))
 
 
 def _prepare_hydra() -> None:
@@ -285,22 +255,10 @@ def _prepare_hydra() -> None:
         OmegaConf.set_struct(OmegaConf.select(node, key), value=False)
     ConfigStore.instance().store(name="template", node=node)
     dumper = get_omega_conf_dumper()
-    dumper.add_representer(str, _represented)
+    dumper.add_representer(str, represented)
     OmegaConf.register_new_resolver("unique_token", unique_token, use_cache=True, replace=True)
-    OmegaConf.register_new_resolver("shortened", _shortened, replace=True)
+    OmegaConf.register_new_resolver("shortened", shortened, replace=True)
     OmegaConf.register_new_resolver("thesis", _of_the_thesis, replace=True)
-
-
-def _represented(dumper: Any, text: str) -> Any:
-    """Show a text of several lines, such as a grammar, as a block of lines."""
-    if "\n" in text:
-        return dumper.represent_scalar("tag:yaml.org,2002:str", text, style="|")
-    return dumper.str_representer(dumper, text)
-
-
-def _shortened(name: str) -> str:
-    """Cut the name of a job's folder; its number keeps it apart from others, and config.yaml tells the rest."""
-    return name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..."
 
 
 def _of_the_thesis(cartpole: Any, acrobot: Any, mountaincar: Any, *, _root_: DictConfig) -> Any:
@@ -308,22 +266,6 @@ def _of_the_thesis(cartpole: Any, acrobot: Any, mountaincar: Any, *, _root_: Dic
     values = {"Acrobot-v1": acrobot, "MountainCar-v0": mountaincar}
     value = values.get(OmegaConf.select(_root_, "env.id"), cartpole)
     return OmegaConf.create(value) if isinstance(value, list) else value
-
-
-@contextmanager
-def _command_line(arguments: list[str]) -> Iterator[None]:
-    """Let Hydra read these arguments and raise its exceptions instead of printing them."""
-    argv, full_error = sys.argv, os.environ.get("HYDRA_FULL_ERROR")
-    sys.argv = [argv[0], *arguments]
-    os.environ["HYDRA_FULL_ERROR"] = "1"
-    try:
-        yield
-    finally:
-        sys.argv = argv
-        if full_error is None:
-            del os.environ["HYDRA_FULL_ERROR"]
-        else:
-            os.environ["HYDRA_FULL_ERROR"] = full_error
 
 
 @contextmanager
@@ -338,50 +280,16 @@ def _in_our_words() -> Iterator[None]:
         if group == "hydra":
             group, _, choice = (error.missing_cfg_file or "").rpartition("/")
         if not choice:
-            raise ConfigError(_one_line(error)) from error
-        check_choice(group, choice)
-        offered = [option for option in error.options or () if not option.startswith("_")]
-        choices = ", ".join(sorted({*_choices(group), *offered}))
-        raise ConfigError(f"{group}={choice} is unknown; expected one of {choices}; got {choice}") from error
+            raise ConfigError(one_line(error)) from error
+        raise unknown_choice(group, choice, error.options or ()) from error
     except OverrideParseException as error:
         raise ConfigError(f"expected key=value, such as seed=3; got {error.override!r}") from error
     except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
-        raise ConfigError(_one_line(error)) from error
-
-
-@contextmanager
-def _folder_told(options: argparse.Namespace) -> Iterator[None]:
-    """Tell of a folder that Hydra cannot make; what a run writes is told by the run itself."""
-    try:
-        yield
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        key = "hydra.sweep.dir" if options.multirun else "hydra.run.dir"
-        raise ConfigError(
-            f"{key} must be a folder that can be made, because a run leaves its files there; "
-            f"got {error.filename} ({error.strerror})"
-        ) from error
-
-
-def _one_line(error: BaseException) -> str:
-    texts = [str(error), str(error.__cause__ or "")]
-    return " ".join(" ".join(texts).split())
+        raise ConfigError(one_line(error)) from error
 
 
 def _parse(arguments: list[str]) -> argparse.Namespace:
-    parser = get_args_parser()
-    parser.exit_on_error = False
-    try:
-        options, rest = parser.parse_known_args(arguments)
-    except argparse.ArgumentError as error:
-        raise UserError(f"{error}; see --help") from error
-    for argument in rest:
-        if argument.startswith("-"):
-            raise UserError(f"{argument} is an unknown flag; expected one that --help names")
-        together = "expected all key=value together, before or after the flags"
-        raise UserError(f"{argument} stands apart; {together}")
-    return options
+    return options_of_run(get_args_parser(), arguments)
 
 
 if __name__ == "__main__":

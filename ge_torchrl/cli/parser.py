@@ -2,7 +2,7 @@
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 from ge_torchrl.errors import UserError
@@ -14,6 +14,29 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise the complaint instead of printing it."""
         raise UserError(f"{message}; see --help")
+
+
+def options_of_run(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.Namespace:
+    """Read the command line of a run.
+
+    Args:
+        parser: Knows the flags, and collects all key=value that stand together.
+        arguments: The command line.
+
+    Raises:
+        UserError: A flag is unknown or misused, or a key=value stands apart from the others.
+    """
+    parser.exit_on_error = False
+    try:
+        options, rest = parser.parse_known_args(arguments)
+    except argparse.ArgumentError as error:
+        raise UserError(f"{error}; see --help") from error
+    for argument in rest:
+        if argument.startswith("-"):
+            raise UserError(f"{argument} is an unknown flag; expected one that --help names")
+        together = "expected all key=value together, before or after the flags"
+        raise UserError(f"{argument} stands apart; {together}")
+    return options
 
 
 def integer_from(at_least: int, at_most: int | None = None) -> Callable[[str], int]:

@@ -19,8 +19,9 @@ from bench_rollouts import ENVIRONMENTS, bench_linearity, bench_rollouts, bench_
 from rich.console import Console
 from rich.table import Table
 
-from ge_torchrl.__main__ import _CONF, _VERSION_BASE, _config_from, _prepare_hydra
+from ge_torchrl.__main__ import _VERSION_BASE, _config_from, _prepare_hydra
 from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.cli.choices import CONF
 from ge_torchrl.config import Config
 from ge_torchrl.run.experiment import run
 
@@ -30,7 +31,7 @@ console = Console(width=110)
 def composed(*overrides: str) -> Config:
     """The configuration that the command line composes of these overrides."""
     _prepare_hydra()
-    with hydra.initialize_config_dir(str(_CONF), version_base=_VERSION_BASE):
+    with hydra.initialize_config_dir(str(CONF), version_base=_VERSION_BASE):
         return _config_from(hydra.compose("config", overrides=list(overrides)))
 
 

@@ -93,7 +93,7 @@ def test_command_line_has_the_last_word_over_an_experiment(experiment):
 
 
 def test_every_environment_composes(experiment):
-    names = {path.stem for path in (command_line._CONF / "env").glob("*.yaml")} - {"default"}
+    names = {path.stem for path in (command_line.CONF / "env").glob("*.yaml")} - {"default"}
     assert set(THESIS) < names
     for name in names:
         assert config_of(experiment, f"env={name}").grammar.name == f"{name}_per_feature"

@@ -1,0 +1,63 @@
+"""The folder conf/: where it lies, what its groups offer, and what another folder may add."""
+
+from pathlib import Path
+
+from ge_torchrl.config import Config
+from ge_torchrl.errors import ConfigError
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+CONF = next(path for path in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if path.is_dir())
+"""A wheel carries the configuration within the package, a checkout beside it."""
+
+
+def folder_from(config_path: str | None) -> Path:
+    """Return the folder that --config-path names, as Hydra finds it: from the package's; conf/ where none is named."""
+    return _PACKAGE / (config_path or CONF)
+
+
+def choices(group: str) -> list[str]:
+    """Return what a group of conf/ offers, `thesis/cartpole` for a file in a subfolder."""
+    folder = CONF / group
+    paths = (path for path in folder.rglob("*.yaml") if not path.name.startswith("_"))
+    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
+
+
+def added_folder(config_dir: str, config_name: str) -> Path:
+    """Return the folder of --config-dir, whose choices are offered beside those of conf/.
+
+    Args:
+        config_dir: The folder as it was typed.
+        config_name: Name of the file that the configuration begins with.
+
+    Raises:
+        ConfigError: There is no such folder, or it holds a file of that name, which would not be read.
+    """
+    folder = Path(config_dir).resolve()
+    if not folder.is_dir():
+        raise ConfigError(f"--config-dir must be a folder with choices; got {config_dir}")
+    name = Path(config_name).with_suffix(".yaml").name
+    if (folder / name).is_file() and (CONF / name).is_file():
+        raise ConfigError(
+            f"--config-dir must be a folder with choices alone, because its {name} would not be read; "
+            f"got {config_dir}; a run's {name} is read by --config-path {folder} --config-name {config_name}"
+        )
+    return folder
+
+
+def config_from(composed: object) -> Config:
+    """Return the configuration that files and overrides compose.
+
+    Args:
+        composed: Plain values, of mappings and lists.
+
+    Raises:
+        ConfigError: They are no sections with keys and values, or a value is not allowed.
+    """
+    if not isinstance(composed, dict):
+        raise ConfigError(f"the configuration must be keys with values; got {type(composed).__name__}")
+    if isinstance(env := composed.get("env"), dict) and {"env", "grammar"} & set(env):
+        first_line = "# @package _global_"
+        raise ConfigError(
+            f"a file of env with the sections env and grammar must begin with {first_line}; got none"
+        )
+    return Config.from_mapping({str(key): value for key, value in composed.items()})
