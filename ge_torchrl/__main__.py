@@ -4,15 +4,14 @@ Whatever the user mistyped is found by composing every job of the command line i
 one line before Hydra makes a folder.
 """
 
-import os
-import signal
+from ge_torchrl.interrupts import interrupt_again, leave_quietly
 
 if __name__ == "__main__":
-    # Until main takes over there is nothing to save: Ctrl-C while packages are imported ends quietly.
-    signal.signal(signal.SIGINT, lambda *_: os._exit(130))
+    leave_quietly()  # Until main takes over.
 
 import argparse
 import itertools
+import os
 import secrets
 import sys
 import traceback
@@ -61,8 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        if __name__ == "__main__":
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        interrupt_again()
         prepare_output()
         verb = verb_of(arguments)
         status = verb(arguments[1:]) if verb else _run(arguments)

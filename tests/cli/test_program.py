@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tomllib
 
 import pytest
 from pages_for_tests import ROOT
@@ -71,18 +72,39 @@ def test_output_that_nobody_reads_any_more_ends_the_program_quietly(tmp_path):
     assert (program.returncode, errors) == (141, b"")
 
 
-@pytest.mark.parametrize("package", ["hydra", "yaml", "gymnasium"])
-def test_ctrl_c_while_packages_are_imported_is_quiet(tmp_path, package):
-    (tmp_path / f"{package}.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "ge_torchrl"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+def console_script(folder):
+    """Write what an installation makes of the declared console script; return its path."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["ge-torchrl"]
+    module, function = declared.split(":")
+    script = folder / "ge-torchrl"
+    script.write_text(f"import sys\nfrom {module} import {function}\nsys.exit({function}())\n")
+    return str(script)
+
+
+def interrupted(folder, command, package):
+    """Run a command that is interrupted in the middle of importing a package; return what came of it."""
+    (folder / f"{package}.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    return subprocess.run(
+        [sys.executable, *command],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])},
         capture_output=True,
         check=False,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
+
+
+@pytest.mark.parametrize("package", ["hydra", "yaml", "gymnasium"])
+@pytest.mark.parametrize("is_script", [False, True])
+def test_ctrl_c_while_packages_are_imported_is_quiet(tmp_path, package, is_script):
+    command = [console_script(tmp_path)] if is_script else ["-m", "ge_torchrl"]
+    done = interrupted(tmp_path, command, package)
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
+def test_who_imports_the_command_line_keeps_their_own_ctrl_c(tmp_path):
+    done = interrupted(tmp_path, ["-c", "import ge_torchrl.program, ge_torchrl.__main__"], "hydra")
+    assert b"KeyboardInterrupt" in done.stderr
 
 
 def test_information_that_nobody_reads_ends_quietly(tmp_path):
