@@ -60,11 +60,6 @@ def prune(tree: DecisionTree, leaf_visits: ArrayLike) -> DecisionTree:
     )
 
 
-def simplify_tree(tree: DecisionTree, low: ArrayLike, high: ArrayLike) -> DecisionTree:
-    """Return one tree without what no observation within the bounds can reach; see `simplify`."""
-    return simplify(Forest.stack([tree]), low, high).tree(0)
-
-
 def simplify(forest: Forest, low: ArrayLike, high: ArrayLike) -> Forest:
     """Return the trees without what no observation can reach and without splits between equal subtrees.
 

@@ -47,7 +47,7 @@ def render_text(tree: DecisionTree, names: Names) -> str:
 def render_rules(tree: DecisionTree, names: Names) -> str:
     """Return one rule a leaf, its conditions on one feature, or on one sum, joined into one interval.
 
-    A leaf that no observation reaches shows an empty interval; `simplify_tree` removes such leaves.
+    A leaf that no observation reaches shows an empty interval; `simplify` removes such leaves.
 
     Args:
         tree: The tree.

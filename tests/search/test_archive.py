@@ -4,6 +4,7 @@ import zlib
 
 import numpy as np
 import pytest
+from forests_for_tests import simplify_one
 from hypothesis import given
 from hypothesis import strategies as st
 from problems_for_tests import (
@@ -24,7 +25,6 @@ from ge_torchrl.search.archive import ARCHIVE, Archive, digest, leaders, offer, 
 from ge_torchrl.search.fitness import archive_seeds, fitness_of
 from ge_torchrl.search.population import Population
 from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.simplify import simplify_tree
 
 
 @pytest.fixture
@@ -235,7 +235,7 @@ def test_the_best_of_every_structure_and_of_these_the_best_of_every_size_are_kep
     for some in offers:
         archive = offer(problem, archive, [contender(tree) for tree in some])
         for tree in some:
-            simple = simplify_tree(tree, *problem.backend.bounds)
+            simple = simplify_one(tree, *problem.backend.bounds)
             of_size = best.setdefault(simple.num_decision_nodes, {})
             of_size[simple.structure] = max(of_size.get(simple.structure, 0.0), by_chance(simple))
         structures = [member.tree.structure for member in archive.members]

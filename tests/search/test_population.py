@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from forests_for_tests import simplify_one
 from problems_for_tests import Analytic, Noting, cartpole, problem_of
 
 from ge_torchrl.environments.backend import Limit, LimitReachedError
@@ -11,7 +12,6 @@ from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.search.fitness import WORST_FITNESS, fitness_of, measure, training_seeds
 from ge_torchrl.search.population import TRAINING, first_population, newcomers, next_population
 from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.simplify import simplify_tree
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_fitness_and_trees_are_those_of_the_genotypes(backend, mode):
     np.testing.assert_allclose(fitness_of(returns, 1.0), last.fitness)
     assert (full.valid == last.forest.valid).all()
     for individual in np.flatnonzero(full.valid):
-        simple = simplify_tree(full.tree(individual), *backend.bounds)
+        simple = simplify_one(full.tree(individual), *backend.bounds)
         assert last.forest.tree(individual) == simple
         assert last.sizes[individual] == simple.num_decision_nodes
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from forests_for_tests import simplify_one
 from problems_for_tests import (
     BAD,
     GOOD,
@@ -36,7 +37,6 @@ from ge_torchrl.search.proposals import (
     propose_neighbours,
 )
 from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.simplify import simplify_tree
 
 CARTPOLE = Eligibility(solved_at=475.0, lowest_return=None)
 MOUNTAIN_CAR = Eligibility(solved_at=-110.0, lowest_return=-200.0)
@@ -240,7 +240,7 @@ class TestIndividuals:
             for simplify in (True, False):
                 problem = problem_of(opened, seed=seed, refiner={"write_back": simplify, "candidates": 20})
                 trees = [one.tree for one in propose_individuals(problem, population, {}, 2).proposals]
-                not_simple = sum(simplify_tree(tree, *opened.bounds) != tree for tree in trees)
+                not_simple = sum(simplify_one(tree, *opened.bounds) != tree for tree in trees)
                 whole, simple = (whole, simple + not_simple) if simplify else (whole + not_simple, simple)
         assert simple == 0 < whole
 
@@ -277,7 +277,7 @@ class TestNeighbours:
         proposals = propose_neighbours(problem, self.ARCHIVE, {}, 2)
         for one in proposals:
             assert can_derive(one.tree, problem.tables)
-            assert simplify_tree(one.tree, *problem.backend.bounds) == one.tree
+            assert simplify_one(one.tree, *problem.backend.bounds) == one.tree
         assert {int(feature) for one in proposals for feature in one.tree.feature} == {2, 3}
 
     def test_so_many_are_drawn_and_measured_on_the_generations_episodes(self):

@@ -1,8 +1,9 @@
-"""A forest of one individual without a tree."""
+"""Forests of one individual: one without a tree, and one to simplify."""
 
 import numpy as np
 
 from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.simplify import simplify
 
 _NO_INTS = np.zeros(0, np.int32)
 NO_TREE = Forest.axis_aligned(
@@ -14,3 +15,8 @@ NO_TREE = Forest.axis_aligned(
     children_right=_NO_INTS,
     action=_NO_INTS,
 )
+
+
+def simplify_one(tree, low, high):
+    """Return one tree, simplified."""
+    return simplify(Forest.stack([tree]), low, high).tree(0)

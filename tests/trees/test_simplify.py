@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from forests_for_tests import NO_TREE
+from forests_for_tests import NO_TREE, simplify_one
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import any_trees, float32s, observations, trees, trees_of_one_kind, weighted_trees
@@ -10,7 +10,7 @@ from subtrees_for_tests import subtree
 
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.simplify import simplify, simplify_tree
+from ge_torchrl.trees.simplify import simplify
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split, weighted, value = (
@@ -79,21 +79,21 @@ def has_equal_halves(tree):
     ],
 )
 def test_simplification_of_known_trees(tree, simplified):
-    assert simplify_tree(tree, LOW, HIGH) == simplified
+    assert simplify_one(tree, LOW, HIGH) == simplified
 
 
 def test_equal_leaves_with_values_merge():
     here, there = value([1.0, 2.0], {0: [1.0, 0.0]}), value([1.0, 2.0], {1: [1.0, 0.0]})
-    assert simplify_tree(split(0, 0.5, here, here), LOW, HIGH) == here
+    assert simplify_one(split(0, 0.5, here, here), LOW, HIGH) == here
     tree = split(0, 0.5, here, split(0, 0.5, value([0.0, 0.0]), there))
-    assert simplify_tree(tree, LOW, HIGH) == split(0, 0.5, here, there)
+    assert simplify_one(tree, LOW, HIGH) == split(0, 0.5, here, there)
 
 
 @pytest.mark.parametrize("largest", [np.finfo(np.float32).max, np.inf])
 def test_the_largest_float32_is_still_reached(largest):
     tree = split(0, np.finfo(np.float32).max, leaf(0), leaf(1))
-    assert simplify_tree(tree, [-1.0], [largest]) == tree
-    assert simplify_tree(split(0, 0.0, tree, leaf(1)), [-1.0], [largest]) == split(0, 0.0, leaf(0), leaf(1))
+    assert simplify_one(tree, [-1.0], [largest]) == tree
+    assert simplify_one(split(0, 0.0, tree, leaf(1)), [-1.0], [largest]) == split(0, 0.0, leaf(0), leaf(1))
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_the_largest_float32_is_still_reached(largest):
     ],
 )
 def test_a_split_on_a_sum_goes_only_where_bounds_decide(terms, threshold, expected):
-    simplified = simplify_tree(weighted(*terms, threshold, leaf(0), leaf(1)), LOW, HIGH)
+    simplified = simplify_one(weighted(*terms, threshold, leaf(0), leaf(1)), LOW, HIGH)
     if expected == "open":
         assert simplified.num_decision_nodes == 1
     else:
@@ -151,14 +151,14 @@ def test_a_split_on_a_sum_goes_only_where_bounds_decide(terms, threshold, expect
     ],
 )
 def test_sums_lose_what_they_do_not_need(terms, threshold, plainer):
-    assert simplify_tree(weighted(*terms, threshold, leaf(0), leaf(1)), LOW, HIGH) == plainer
+    assert simplify_one(weighted(*terms, threshold, leaf(0), leaf(1)), LOW, HIGH) == plainer
 
 
 def test_terms_of_leaves_that_add_nothing_go():
     plain = value([1.0, 2.0], {1: [0.0, 3.0]})
     wordy = value([1.0, 2.0], {0: [0.0, 0.0], 1: [0.0, 3.0], 2: [0.0, 0.0]})
-    assert simplify_tree(wordy, LOW, HIGH) == plain
-    assert simplify_tree(split(0, 0.5, wordy, plain), LOW, HIGH) == plain
+    assert simplify_one(wordy, LOW, HIGH) == plain
+    assert simplify_one(split(0, 0.5, wordy, plain), LOW, HIGH) == plain
 
 
 def test_a_sum_that_was_compared_before_is_not_compared_again():
@@ -167,33 +167,33 @@ def test_a_sum_that_was_compared_before_is_not_compared_again():
 
     below, above, other = (split(2, 0.25, leaf(kind), leaf(2)) for kind in (0, 1, 3))
     tree = asked(1.0, asked(1.0, below, other), asked(1.0, other, above))
-    assert simplify_tree(tree, LOW, HIGH) == asked(1.0, below, above)
+    assert simplify_one(tree, LOW, HIGH) == asked(1.0, below, above)
     tree = asked(1.0, split(3, 0.0, asked(2.0, below, other), leaf(1)), asked(0.0, other, above))
-    assert simplify_tree(tree, LOW, HIGH) == asked(1.0, split(3, 0.0, below, leaf(1)), above)
+    assert simplify_one(tree, LOW, HIGH) == asked(1.0, split(3, 0.0, below, leaf(1)), above)
     tree = asked(1.0, asked(0.0, below, above), asked(2.0, below, above))
-    assert simplify_tree(tree, LOW, HIGH) == tree
+    assert simplify_one(tree, LOW, HIGH) == tree
 
 
 def test_the_path_narrows_what_a_sum_can_be():
     below = weighted([0, 2], [1.0, 1.0], 0.6, leaf(0), leaf(1))
-    assert simplify_tree(split(0, 0.0, below, leaf(2)), LOW, HIGH) == split(0, 0.0, leaf(0), leaf(2))
+    assert simplify_one(split(0, 0.0, below, leaf(2)), LOW, HIGH) == split(0, 0.0, leaf(0), leaf(2))
     # The threshold itself goes right, so what goes left is at most the float32 below.
     twice = weighted([2, 2], [1.0, 1.0], 0.5, leaf(0), leaf(1))
-    assert simplify_tree(split(2, 0.25, twice, leaf(2)), LOW, HIGH) == split(2, 0.25, leaf(0), leaf(2))
+    assert simplify_one(split(2, 0.25, twice, leaf(2)), LOW, HIGH) == split(2, 0.25, leaf(0), leaf(2))
     # The float32 below 0 is lost beside 0.5 even in float64: the sum is 0.5, and goes right.
     rounded = split(0, 0.0, weighted([0, 2], [1.0, 1.0], 0.5, leaf(0), leaf(1)), leaf(2))
-    assert simplify_tree(rounded, LOW, HIGH) == rounded
+    assert simplify_one(rounded, LOW, HIGH) == rounded
     above = weighted([0, 2], [1.0, 1.0], -0.5, leaf(0), leaf(1))
-    assert simplify_tree(split(0, 0.0, leaf(2), above), LOW, HIGH) == split(0, 0.0, leaf(2), leaf(1))
+    assert simplify_one(split(0, 0.0, leaf(2), above), LOW, HIGH) == split(0, 0.0, leaf(2), leaf(1))
 
 
 def test_equal_halves_with_sums_merge():
     half = weighted([0, 1], [1.0, 2.0], 0.5, leaf(0), leaf(1))
-    assert simplify_tree(weighted([2, 0], [1.0, 3.0], 0.0, half, half), LOW, HIGH) == half
+    assert simplify_one(weighted([2, 0], [1.0, 3.0], 0.0, half, half), LOW, HIGH) == half
     other = weighted([0, 1], [1.0, 2.5], 0.5, leaf(0), leaf(1))
     apart = split(1, 0.0, half, other)
-    assert simplify_tree(apart, LOW, HIGH) == apart
-    assert simplify_tree(split(2, 0.0, apart, apart), LOW, HIGH) == apart
+    assert simplify_one(apart, LOW, HIGH) == apart
+    assert simplify_one(split(2, 0.0, apart, apart), LOW, HIGH) == apart
 
 
 @given(st.data(), any_trees(), bounds())
@@ -206,7 +206,7 @@ def test_simplification_never_changes_an_answer(data, tree, low_high):
     rows = np.clip(data.draw(observations(tree, near=near)), low, high)
     corners = np.where(data.draw(st.lists(st.booleans(), min_size=4, max_size=4)), low, high)
     rows = np.concatenate([rows, corners[np.newaxis]])
-    simplified = simplify_tree(tree, *low_high)
+    simplified = simplify_one(tree, *low_high)
     assert np.array_equal(simplified.decide(rows), tree.decide(rows), equal_nan=True)
     assert simplified.num_decision_nodes <= tree.num_decision_nodes
     assert (len(simplified.feature), len(simplified.leaf_feature)) <= (
@@ -217,8 +217,8 @@ def test_simplification_never_changes_an_answer(data, tree, low_high):
 
 @given(any_trees(), bounds())
 def test_simplification_is_idempotent_and_leaves_no_equal_halves(tree, low_high):
-    simplified = simplify_tree(tree, *low_high)
-    assert simplify_tree(simplified, *low_high) == simplified
+    simplified = simplify_one(tree, *low_high)
+    assert simplify_one(simplified, *low_high) == simplified
     assert simplified == DecisionTree(*simplified.arrays), "a tree, depth first"
     assert not has_equal_halves(simplified)
 
@@ -226,7 +226,7 @@ def test_simplification_is_idempotent_and_leaves_no_equal_halves(tree, low_high)
 @given(trees(), bounds())
 def test_every_leaf_that_remains_is_reached_by_an_observation_within_the_bounds(tree, low_high):
     low, high = low_high
-    simplified = simplify_tree(tree, low, high)
+    simplified = simplify_one(tree, low, high)
     open_nodes = [(0 if simplified.num_decision_nodes else ~0, low)]
     while open_nodes:
         # If any observation reaches a node, the least one that goes right at every right turn does.
@@ -251,7 +251,7 @@ def test_a_forest_is_simplified_tree_by_tree(individuals, low_high):
     assert simplified.valid.tolist() == [tree is not None for tree in individuals]
     for index, tree in enumerate(individuals):
         if tree is not None:
-            assert simplified.tree(index) == simplify_tree(tree, *low_high)
+            assert simplified.tree(index) == simplify_one(tree, *low_high)
     for array in simplified.arrays:
         assert array.flags.c_contiguous
         assert array.flags.writeable
@@ -278,4 +278,4 @@ def test_simplification_leaves_its_input_as_it_was(tree, low_high):
 )
 def test_bounds_of_something_else_are_refused(low, high, message):
     with pytest.raises(InvalidTreeError, match=message):
-        simplify_tree(split(1, 0.5, leaf(0), leaf(1)), low, high)
+        simplify_one(split(1, 0.5, leaf(0), leaf(1)), low, high)
