@@ -36,7 +36,15 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
 from ge_torchrl.cli import verb_of
-from ge_torchrl.cli.choices import CONF, added_folder, choices, config_from, folder_from
+from ge_torchrl.cli.choices import (
+    CONF,
+    added_folder,
+    choices,
+    config_from,
+    folder_from,
+    with_environment,
+    words_of,
+)
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
@@ -62,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         interrupt_again()
         prepare_output()
-        verb = verb_of(arguments)
+        verb = verb_of(arguments, _composed)
         status = verb(arguments[1:]) if verb else _run(arguments)
         sys.stdout.flush()
     except UserError as error:
@@ -82,6 +90,10 @@ def _run(arguments: list[str]) -> int:
         return OK
     _prepare_hydra()
     options = _parse(arguments)
+    typed = options.overrides
+    if options.config_name is None and options.config_path is None:
+        options.overrides = with_environment(typed)
+        arguments = [*(word for word in arguments if word not in typed), *options.overrides]
     _check(options)
     statuses: list[int] = []
     process = os.getpid()
@@ -145,10 +157,30 @@ def _job(values: DictConfig) -> int:
     return OK
 
 
+def _composed(words: list[str]) -> Config:
+    """Return the configuration of one run that these words would begin."""
+    _prepare_hydra()
+    options = _parse(with_environment(words))
+    (config,) = _configs(options)
+    return config
+
+
 def _check(options: argparse.Namespace) -> None:
     """Compose and validate every job of the command line; nothing is written."""
     if options.shell_completion or options.hydra_help:
         return
+    configs = _configs(options)
+    if options.cfg or options.help or options.info:
+        return
+    from ge_torchrl.run.plan import plan
+
+    # The jobs of a sweep mostly share environment and grammar, which are made real once.
+    for config in {(config.env, config.grammar, config.ge): config for config in configs}.values():
+        plan(config)
+
+
+def _configs(options: argparse.Namespace) -> list[Config]:
+    """Return the configuration of every job of the command line."""
     conf = folder_from(options.config_path)
     sweep = options.multirun or "hydra.mode=MULTIRUN" in options.overrides
     with _in_our_words(), hydra.initialize_config_dir(str(conf), version_base=_VERSION_BASE):
@@ -165,15 +197,9 @@ def _check(options: argparse.Namespace) -> None:
         configs = []
         for job in _jobs(overrides):
             values = composed(job)
-            _check_experiment(job, values, composed)
+            _check_experiment(job, composed)
             configs.append(_config_from(values))
-    if options.cfg or options.help or options.info:
-        return
-    from ge_torchrl.run.plan import plan
-
-    # The jobs of a sweep mostly share environment and grammar, which are made real once.
-    for config in {(config.env, config.grammar, config.ge): config for config in configs}.values():
-        plan(config)
+    return configs
 
 
 def _searched(config_dir: str | None, config_name: str) -> list[str]:
@@ -184,26 +210,18 @@ def _searched(config_dir: str | None, config_name: str) -> list[str]:
     return [f"hydra.searchpath=['{quoted}']"]
 
 
-def _check_experiment(
-    job: Sequence[str], values: DictConfig, composed: Callable[[Iterable[str]], DictConfig]
-) -> None:
-    """Refuse another environment beside an experiment that fixes its own.
-
-    Args:
-        job: The overrides of a job.
-        values: What they compose.
-        composed: Composes overrides.
-    """
-    typed = {
-        key: word for word in job if (key := word.partition("=")[0].lstrip("+")) in ("experiment", "env")
-    }
-    if len(typed) < 2:
+def _check_experiment(job: Sequence[str], composed: Callable[[Iterable[str]], DictConfig]) -> None:
+    """Refuse another environment beside an experiment that fixes its own; `composed` composes overrides of a job."""
+    experiments, environments = (words_of(job, keys) for keys in (("experiment",), ("env", "env.id")))
+    if not (experiments and environments):
         return
-    chosen = composed(word for word in job if word != typed["experiment"])
-    fixed, asked = (OmegaConf.select(of, "env.id") for of in (values, chosen))
+    fixed, asked = (
+        OmegaConf.select(composed(word for word in job if word not in left_out), "env.id")
+        for left_out in (environments, experiments)
+    )
     if fixed != asked:
         raise ConfigError(
-            f"{typed['experiment']} fixes the environment, {fixed}, so expected no other one; got {typed['env']}"
+            f"{experiments[0]} fixes the environment, {fixed}, so expected no other one; got {' '.join(environments)}"
         )
 
 

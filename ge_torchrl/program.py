@@ -1,11 +1,17 @@
 """The console script `ge-torchrl`: what `python -m ge_torchrl` is under another name."""
 
+import os
+import sys
+
 from ge_torchrl.interrupts import leave_quietly
 
 
 def main() -> int:
     """Run the command line of the process and return its exit status, as `ge_torchrl.__main__.main` does."""
     leave_quietly()
+    if not sys.flags.safe_path:
+        # As with python -m: environments and wrappers may be modules of the current folder.
+        sys.path.insert(0, os.getcwd())  # noqa: PTH109 (pathlib takes time to import)
     from ge_torchrl.__main__ import main as run
 
     return run()

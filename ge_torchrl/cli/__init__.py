@@ -4,16 +4,27 @@ import difflib
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
+from ge_torchrl.cli.environments import Compose, check, init
 from ge_torchrl.cli.evaluating import evaluate
 from ge_torchrl.cli.reporting import report
 from ge_torchrl.errors import UserError
 
-VERBS: Mapping[str, Callable[[list[str]], int]] = MappingProxyType({"evaluate": evaluate, "report": report})
-"""By the first word of the command line; each takes the others and returns the exit status."""
+_COMPOSING: Mapping[str, Callable[[list[str], Compose], int]] = MappingProxyType(
+    {"check": check, "init": init}
+)
+VERBS = frozenset({"evaluate", "report", *_COMPOSING})
+"""The first words of command lines that are no runs."""
 
 
-def verb_of(arguments: Sequence[str]) -> Callable[[list[str]], int] | None:
+def verb_of(arguments: Sequence[str], compose: Compose) -> Callable[[list[str]], int] | None:
     """Return the command that the first word names; None where the words are those of a run.
+
+    Args:
+        arguments: The command line.
+        compose: Makes a configuration of words such as those of a run.
+
+    Returns:
+        What takes the other words and returns the exit status.
 
     Raises:
         UserError: The word is nearly that of a command.
@@ -21,4 +32,6 @@ def verb_of(arguments: Sequence[str]) -> Callable[[list[str]], int] | None:
     word = arguments[0] if arguments else ""
     if word not in VERBS and (meant := difflib.get_close_matches(word, VERBS, n=1)):
         raise UserError(f"{word} is unknown; expected key=value, such as seed=3, or {meant[0]}; got {word!r}")
-    return VERBS.get(word)
+    if composing := _COMPOSING.get(word):
+        return lambda words: composing(words, compose)
+    return {"evaluate": evaluate, "report": report}.get(word)

@@ -1,6 +1,9 @@
 """The folder conf/: where it lies, what its groups offer, and what another folder may add."""
 
+from collections.abc import Collection, Sequence
 from pathlib import Path
+
+import yaml
 
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ConfigError
@@ -8,6 +11,8 @@ from ge_torchrl.errors import ConfigError
 _PACKAGE = Path(__file__).resolve().parents[1]
 CONF = next(path for path in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if path.is_dir())
 """A wheel carries the configuration within the package, a checkout beside it."""
+
+_NO_ENVIRONMENT = "env=default"
 
 
 def folder_from(config_path: str | None) -> Path:
@@ -20,6 +25,36 @@ def choices(group: str) -> list[str]:
     folder = CONF / group
     paths = (path for path in folder.rglob("*.yaml") if not path.name.startswith("_"))
     return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
+
+
+def with_environment(words: Sequence[str]) -> list[str]:
+    """Put the choice of no particular environment before an id that is typed without a choice.
+
+    Without it, the names and the grammar of the environment that a run takes otherwise would stay.
+
+    Args:
+        words: The overrides of a command line, all of which `config.yaml` of conf/ takes.
+    """
+    ids = words_of(words, ("env.id",))
+    if not ids or words_of(words, ("env", "experiment")):
+        return list(words)
+    if ids[-1].partition("=")[2].strip("'\"") == _default_id():
+        return list(words)
+    place = words.index(ids[0])
+    return [*words[:place], _NO_ENVIRONMENT, *words[place:]]
+
+
+def words_of(words: Sequence[str], keys: Collection[str]) -> list[str]:
+    """Return the overrides that set one of these keys, or choose a file of one of these groups."""
+    return [word for word in words if word.partition("=")[0].lstrip("+").partition("@")[0] in keys]
+
+
+def _default_id() -> str:
+    """Return the id of the environment that a run takes where none is chosen."""
+    defaults = yaml.safe_load((CONF / "config.yaml").read_text(encoding="utf-8"))["defaults"]
+    (choice,) = (entry["env"] for entry in defaults if isinstance(entry, dict) and "env" in entry)
+    file = yaml.safe_load((CONF / "env" / f"{choice}.yaml").read_text(encoding="utf-8"))
+    return str(file["env"]["id"])
 
 
 def added_folder(config_dir: str, config_name: str) -> Path:

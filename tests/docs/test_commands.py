@@ -20,6 +20,7 @@ from ge_torchrl.cli import VERBS
 from ge_torchrl.config import check_key
 from ge_torchrl.errors import UserError
 from ge_torchrl.report import runs
+from ge_torchrl.run import starting_file, surveying
 
 SECTIONS = ("env", "grammar", "ge", "evaluation", "refiner", "polish", "archive")
 KEY = re.compile(rf"(?:{'|'.join(SECTIONS)})\.[a-z_.]+")
@@ -62,7 +63,8 @@ def test_a_verb_that_is_printed_takes_its_arguments(arguments, experiment, monke
     def stop(*_):
         raise UserError("the arguments were read")
 
-    monkeypatch.setattr(runs, "gather_runs", stop)
+    for room, name in ((runs, "gather_runs"), (surveying, "survey"), (starting_file, "write_starting_file")):
+        monkeypatch.setattr(room, name, stop)
     status = command_line.main(arguments)
     assert experiment.evaluated or (status == 2 and "the arguments were read" in capsys.readouterr().err)
     for word in arguments:

@@ -28,6 +28,7 @@ class FakeExperiment(types.ModuleType):
     def plan(self, config):
         if config.env.id.startswith("Missing"):
             raise EnvironmentFaultError(f"env.id must be an installed one; got {config.env.id}")
+        return types.SimpleNamespace(config=config, spec=types.SimpleNamespace(id=config.env.id))
 
     def is_above_runs(self, path):
         return path.is_dir()

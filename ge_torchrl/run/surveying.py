@@ -1,0 +1,110 @@
+"""What is found out about an environment before a run of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+
+from ge_torchrl.config import Config
+from ge_torchrl.environments.choose import agrees_with_gymnasium
+from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
+from ge_torchrl.environments.kernel_backend import KernelBackend, has_kernel
+from ge_torchrl.environments.probing import PROBED_STEPS, Probe, obeys_seeds, probe
+from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """What was found.
+
+    Attributes:
+        spec: The environment as it describes itself, with the names of the configuration.
+        seen: What play showed.
+        obeys_seeds: Whether the same seed gives the same episode twice.
+        agrees: Whether the kernel's steps are those of the installed Gymnasium; None where there is no kernel.
+        speeds: Environment steps a second by route: one process of Gymnasium, the kernel on all its threads.
+    """
+
+    spec: EnvironmentSpec
+    seen: Probe
+    obeys_seeds: bool
+    agrees: bool | None
+    speeds: dict[str, float]
+
+    def as_text(self) -> str:
+        """Return it for a terminal."""
+        return "\n".join([self.spec.id, *self._facts(), "", *self._features()])
+
+    def _facts(self) -> Iterator[str]:
+        spec = self.spec
+        for what, names in (("arguments", spec.names.kwargs), ("wrappers", spec.names.wrappers)):
+            if names:
+                yield f"{what:<13} {', '.join(f'{n}={names[n]}' if isinstance(names, dict) else n for n in names)}"
+        yield f"observation   {spec.n_features} numbers"
+        yield f"action        {self._actions()}"
+        yield f"limit         {self._limit()}"
+        yield f"solved at     {'no threshold' if spec.solved_at is None else f'a mean return of {spec.solved_at:g}'}"
+        yield f"seeds         {'obeyed: the same seed gives the same episode' if self.obeys_seeds else 'ignored'}"
+        outside = ", ".join(spec.names.features[i] for i in sorted(self.seen.outside))
+        yield f"bounds        {f'untrue: {outside}' if outside else f'kept in {PROBED_STEPS} steps'}"
+        yield f"kernel        {self._kernel()}"
+        for route, speed in self.speeds.items():
+            yield f"{'speed':<13} {float(f'{speed:.2g}'):,.0f} steps a second, {route}"
+
+    def _actions(self) -> str:
+        names = self.spec.names
+        if not self.spec.is_continuous:
+            return f"one of {len(names.actions)}: {', '.join(names.actions)}"
+        entries = (
+            f"{name} from {low:g} to {high:g}"
+            for name, (low, high) in zip(names.actions, names.action_bounds, strict=True)
+        )
+        return f"{len(names.actions)} numbers: {', '.join(entries)}"
+
+    def _limit(self) -> str:
+        if self.spec.has_limit:
+            return f"{self.spec.max_episode_steps} steps"
+        ended = (
+            f"the longest episode seen had {self.seen.longest}"
+            if self.seen.ended
+            else "an episode did not end"
+        )
+        return f"none of its own; {ended}; a run takes {self.seen.limit} steps (env.max_episode_steps)"
+
+    def _kernel(self) -> str:
+        if self.agrees is None:
+            return "none for this environment as it is"
+        return "used" if self.agrees else "not used: the installed Gymnasium differs"
+
+    def _features(self) -> Iterator[str]:
+        spec, seen = self.spec, self.seen
+        rows: list[tuple[str, ...]] = [("feature", "unit", "declared", "seen", "in a generated grammar")]
+        for i, name in enumerate(spec.names.features):
+            spans = (
+                (spec.low[i], spec.high[i]),
+                (seen.seen_low[i], seen.seen_high[i]),
+                seen.ranges[i],
+            )
+            rows.append((name, spec.names.units[i], *(f"{low:.4g} to {high:.4g}" for low, high in spans)))
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        for row in rows:
+            yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def survey(config: Config) -> Survey:
+    """Find out about the environment of a configuration.
+
+    Raises:
+        EnvironmentFaultError: It is unknown, unsuitable or at fault.
+    """
+    spec = describe_settings(config.env)
+    seen, seeds = probe(spec), obeys_seeds(spec)
+    speeds = {}
+    with closing(GymnasiumBackend(spec, workers=1)) as gymnasium:
+        speeds["Gymnasium in one process"] = gymnasium.steps_per_second
+    agrees = agrees_with_gymnasium(spec) if has_kernel(spec) else None
+    if agrees:
+        with closing(KernelBackend(spec, config.evaluation.threads)) as kernel:
+            speeds["kernel"] = kernel.steps_per_second
+    return Survey(spec, seen, seeds, agrees, speeds)

@@ -1,0 +1,129 @@
+"""`check`, `init`, and an id without a file."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from ge_torchrl.__main__ import main
+from ge_torchrl.run import surveying
+
+OWN = """
+import gymnasium as gym
+from environments_for_tests import CountdownEnv
+
+gym.register("Own-v0", entry_point=CountdownEnv)
+"""
+
+
+@pytest.fixture
+def surveyed(monkeypatch):
+    """Stand in for looking at an environment; what was asked for."""
+    asked = []
+
+    class Found:
+        def as_text(self):
+            return "what was found"
+
+    def survey(config):
+        asked.append(config)
+        return Found()
+
+    monkeypatch.setattr(surveying, "survey", survey)
+    return asked
+
+
+def test_check_takes_an_id_or_a_choice_with_other_settings(surveyed, capsys):
+    assert main(["check", "LunarLander-v3", "env.kwargs.gravity=-5"]) == 0
+    assert main(["check", "env=mountaincar"]) == 0
+    assert capsys.readouterr().out == "what was found\n" * 2
+    lander, hill = surveyed
+    assert (lander.env.id, lander.env.features, lander.env.kwargs) == ("LunarLander-v3", (), {"gravity": -5})
+    assert (hill.env.id, hill.env.features) == ("MountainCar-v0", ("position", "velocity"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["check"], "the following arguments are required: ENV"),
+        (["check", "env=nothing"], "env=nothing is unknown; expected one of"),
+        (["check", "A-v0", "env.foo=3"], "env.foo is unknown"),
+        (["check", "NoSuchThing-v0"], "env.id must be the id of an installed Gymnasium environment"),
+        (["init", "FrozenLake-v1"], "env.wrappers='[gymnasium.wrappers:FlattenObservation]'"),
+        (["chek", "A-v0"], "chek is unknown; expected key=value, such as seed=3, or check"),
+    ],
+)
+def test_mistakes_are_one_line(arguments, told, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("verb", ["check", "init"])
+def test_help_is_there(verb, capsys):
+    with pytest.raises(SystemExit) as left:
+        main([verb, "--help"])
+    assert left.value.code == 0
+    assert "Gymnasium id" in capsys.readouterr().out
+
+
+def test_what_init_writes_composes_by_the_command_that_it_prints(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", "MountainCar-v0", "--out", "own conf"]) == 0
+    first, command = capsys.readouterr().out.splitlines()
+    assert "my_mountaincar.yaml" in first
+    assert command == "  python -m ge_torchrl --config-dir 'own conf' env=my_mountaincar"
+    assert main(["--config-dir", "own conf", "env=my_mountaincar", "--cfg", "job"]) == 0
+    assert "lt(x0, " in capsys.readouterr().out
+    assert main(["init", "MountainCar-v0", "--out", "own conf"]) == 2
+    assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "features"),
+    [
+        (["env.id=MountainCar-v0"], ()),
+        (["seed=3", "env.id='MountainCar-v0'", "ge.generations=3"], ()),
+        (["+env.id=MountainCar-v0"], ()),
+        (["env=mountaincar", "env.id=MountainCar-v0"], ("position", "velocity")),
+        (["env.id=CartPole-v1"], ("x", "x_dot", "theta", "theta_dot")),
+    ],
+)
+def test_an_id_alone_does_not_keep_the_names_of_another_environment(experiment, words, features):
+    assert main(words) == 0
+    ((config, _),) = experiment.runs
+    assert config.env.features == features
+    assert (config.grammar.bnf is None) == (features == ())
+
+
+def test_ids_are_swept_over(experiment):
+    assert main(["-m", "env.id=CartPole-v1,Acrobot-v1"]) == 0
+    assert [(config.env.id, config.env.features) for config, _ in experiment.runs] == [
+        ("CartPole-v1", ()),
+        ("Acrobot-v1", ()),
+    ]
+
+
+def test_an_experiment_keeps_its_environment(experiment, capsys):
+    assert main(["experiment=thesis/cartpole", "env.id=Acrobot-v1"]) == 2
+    assert "fixes the environment, CartPole-v1, so expected no other one" in capsys.readouterr().err
+    assert main(["experiment=thesis/cartpole", "env.id=CartPole-v1"]) == 0
+    assert len(experiment.runs) == 1
+
+
+def test_the_console_script_finds_modules_of_the_current_folder(tmp_path):
+    (tmp_path / "own_module.py").write_text(OWN)
+    script = "import sys; from ge_torchrl.program import main; sys.path.remove(''); sys.exit(main())"
+    found = subprocess.run(
+        [sys.executable, "-c", script, "check", "own_module:Own-v0"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.stderr == ""
+    assert found.stdout.startswith("own_module:Own-v0\n")
