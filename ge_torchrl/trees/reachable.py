@@ -41,6 +41,7 @@ def keep_what_is_reached(trees: ForestArrays, box: Box) -> ForestArrays:
     # Splits, leaves and terms that were written.
     out, ends = _empty_like(trees), np.zeros(3, np.int64)
     path = _empty_path(len(trees.threshold) + 1)
+    has_sums = len(trees.feature) > len(trees.threshold) or np.any(trees.weight != 1.0)
     for p in range(len(trees.split_start) - 1):
         first, first_leaf, depth = ends[0], ends[1], 0
         walking = trees.leaf_start[p + 1] > trees.leaf_start[p]
@@ -48,7 +49,9 @@ def keep_what_is_reached(trees: ForestArrays, box: Box) -> ForestArrays:
         while walking:
             while node >= 0:
                 m = trees.split_start[p] + node
-                outcome = _outcome(trees, m, box, out, path, depth)
+                outcome = _outcome(trees, m, box)
+                if has_sums and outcome == _OPEN:
+                    outcome = _outcome_of_path(trees, m, out, path, depth)
                 if outcome == _OPEN:
                     _write_split(trees, m, out, ends)
                     path.other[depth], path.left_leaf[depth] = trees.children_right[m], ends[1]
@@ -96,8 +99,8 @@ def _turn_right(out: ForestArrays, ends: NDArray[np.int64], path: _Path, depth: 
 
 
 @compiled
-def _outcome(trees: ForestArrays, m: int, box: Box, out: ForestArrays, path: _Path, depth: int) -> int:
-    """Return what split `m` says of all observations that come to it, `_OPEN` where that is not known.
+def _outcome(trees: ForestArrays, m: int, box: Box) -> int:
+    """Return what split `m` says of all observations in the box, `_OPEN` where that is not known.
 
     The lower end of a feature's interval always belongs to it, so a split on one feature is open exactly where
     `least < threshold < bound`: the least value goes left, the threshold itself right.
@@ -108,16 +111,21 @@ def _outcome(trees: ForestArrays, m: int, box: Box, out: ForestArrays, path: _Pa
         if not box.least[f] < t:
             return _FALSE
         return _OPEN if t < box.bound[f] else _TRUE
-    outcome = _outcome_of_sum(trees, m, box)
+    return _outcome_of_sum(trees, m, box)
+
+
+@compiled
+def _outcome_of_path(trees: ForestArrays, m: int, out: ForestArrays, path: _Path, depth: int) -> int:
+    """Return what split `m` says of all observations that came along a path, if its sum was compared there before."""
     for above in range(depth):
         row = path.row[above]
-        if outcome == _OPEN and _have_same_terms(trees, m, out, row):
+        if path.feature[above] < 0 and _have_same_terms(trees, m, out, row):
             # What is not below a threshold is not below a lower one either, NaN included.
             if path.in_right[above] and trees.threshold[m] <= out.threshold[row]:
-                outcome = _FALSE
-            elif not path.in_right[above] and trees.threshold[m] >= out.threshold[row]:
-                outcome = _TRUE
-    return outcome
+                return _FALSE
+            if not path.in_right[above] and trees.threshold[m] >= out.threshold[row]:
+                return _TRUE
+    return _OPEN
 
 
 @compiled

@@ -62,14 +62,15 @@ def repeated(tree: TreeArrays, parameters: NDArray[np.float32]) -> ForestArrays:
     # As in a tree: adding zero makes -0.0 into 0.0.
     numbers = parameters.astype(np.float32) + np.float32(0.0)
     weight = _repeated(tree.weight, copies)
-    free = has_free_weight(tree)
-    ends = np.cumsum([n_splits, int(free.sum()), tree.value.size])
-    threshold, weight[:, free], value, leaf_weight = np.split(numbers, ends, axis=1)
+    n_values, first_value = tree.value.shape[1], numbers.shape[1] - tree.value.size - tree.leaf_weight.size
+    if first_value > n_splits:
+        weight[:, has_free_weight(tree)] = numbers[:, n_splits:first_value]
     action = _repeated(tree.action, copies).reshape(-1)
-    n_values = tree.value.shape[1]
     if n_values == 0:
         leaves = LeafArrays.of_actions(action)
     else:
+        first_leaf_weight = first_value + tree.value.size
+        value, leaf_weight = numbers[:, first_value:first_leaf_weight], numbers[:, first_leaf_weight:]
         leaves = LeafArrays(
             action=action,
             value=np.ascontiguousarray(value).reshape(-1, n_values),
@@ -83,7 +84,7 @@ def repeated(tree: TreeArrays, parameters: NDArray[np.float32]) -> ForestArrays:
         _repeated_start(tree.term_start, copies),
         _repeated(tree.feature, copies).reshape(-1),
         weight.reshape(-1),
-        np.ascontiguousarray(threshold).reshape(-1),
+        np.ascontiguousarray(numbers[:, :n_splits]).reshape(-1),
         _repeated(tree.children_left, copies).reshape(-1),
         _repeated(tree.children_right, copies).reshape(-1),
         *leaves,

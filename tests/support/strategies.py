@@ -49,16 +49,34 @@ def weighted_trees(
 ) -> st.SearchStrategy[DecisionTree]:
     """Trees of actions whose splits sum 1 to 3 weighted features; some trees are axis-aligned."""
     leaves = st.integers(0, n_actions - 1).map(DecisionTree.leaf)
-    return trees(n_features, n_actions, max_leaves=4) | _weighted_above(leaves, n_features, max_leaves)
+    plain = trees(n_features, n_actions, max_leaves=4)
+    return plain | _above(leaves, n_features, max_leaves, float32s(), oblique=True)
 
 
 def value_trees(
-    n_features: int = 4, n_values: int = 2, *, max_leaves: int = 8
+    n_features: int = 4,
+    n_values: int = 2,
+    *,
+    oblique: bool = True,
+    linear: bool = True,
+    max_leaves: int = 8,
+    numbers: st.SearchStrategy[float] | None = None,
 ) -> st.SearchStrategy[DecisionTree]:
-    """Trees whose leaves hold values, some of them with linear terms, and whose splits are weighted."""
-    row = st.lists(float32s(), min_size=n_values, max_size=n_values)
-    linear = st.dictionaries(st.integers(0, n_features - 1), row, max_size=2)
-    return _weighted_above(st.builds(DecisionTree.value_leaf, row, linear), n_features, max_leaves)
+    """Trees whose leaves hold values, one for each entry of a Box action.
+
+    Args:
+        n_features: Features that splits and leaves use.
+        n_values: Entries of an action, A.
+        oblique: Whether splits sum 1 to 3 weighted features; if not, they compare one.
+        linear: Whether leaves may have up to two linear terms; if not, they hold constants.
+        max_leaves: Leaves of a tree.
+        numbers: What all its numbers are drawn from; any float32 unless given.
+    """
+    floats = float32s() if numbers is None else numbers
+    row = st.lists(floats, min_size=n_values, max_size=n_values)
+    terms = st.dictionaries(st.integers(0, n_features - 1), row, max_size=2 if linear else 0)
+    leaves = st.builds(DecisionTree.value_leaf, row, terms)
+    return _above(leaves, n_features, max_leaves, floats, oblique=oblique)
 
 
 def any_trees(n_features: int = 4) -> st.SearchStrategy[DecisionTree]:
@@ -72,16 +90,24 @@ def trees_of_one_kind(n_features: int = 4) -> st.SearchStrategy[st.SearchStrateg
     return st.sampled_from([*kinds, *(value_trees(n_features, n_values) for n_values in (1, 2, 3))])
 
 
-def _weighted_above(
-    leaves: st.SearchStrategy[DecisionTree], n_features: int, max_leaves: int
+def _above(
+    leaves: st.SearchStrategy[DecisionTree],
+    n_features: int,
+    max_leaves: int,
+    numbers: st.SearchStrategy[float],
+    *,
+    oblique: bool,
 ) -> st.SearchStrategy[DecisionTree]:
-    terms = st.lists(st.tuples(st.integers(0, n_features - 1), float32s()), min_size=1, max_size=3)
+    weights = numbers if oblique else st.just(1.0)
+    terms = st.lists(
+        st.tuples(st.integers(0, n_features - 1), weights), min_size=1, max_size=3 if oblique else 1
+    )
 
     def above(terms, threshold, left, right):
         return DecisionTree.weighted_split(*zip(*terms, strict=True), threshold, left, right)
 
     return st.recursive(
-        leaves, lambda halves: st.builds(above, terms, float32s(), halves, halves), max_leaves=max_leaves
+        leaves, lambda halves: st.builds(above, terms, numbers, halves, halves), max_leaves=max_leaves
     )
 
 
