@@ -45,7 +45,8 @@ class Probe:
 
     Attributes:
         ranges: (low, high) of the values that each feature takes in play, finite: the declared bounds where they are
-            true and near to what was seen, else quantiles of that.
+            true and near to what was seen, else quantiles of that; twice the same value where it does not vary.
+        binary: Numbers of the features that were seen at 0 and at 1, and nowhere else.
         seen_low: [D] float32, the smallest values seen.
         seen_high: [D] float32, the largest.
         outside: A value of each feature that was seen outside its declared bounds.
@@ -54,6 +55,7 @@ class Probe:
     """
 
     ranges: tuple[tuple[float, float], ...]
+    binary: tuple[int, ...]
     seen_low: NDArray[np.float32]
     seen_high: NDArray[np.float32]
     outside: dict[int, float]
@@ -125,7 +127,18 @@ def _play(spec: EnvironmentSpec) -> Probe:
             episode += 1
     observed = np.array(seen[:PROBED_STEPS])
     ranges = tuple(_range(spec, feature, column, witness) for feature, column in enumerate(observed.T))
-    return Probe(ranges, observed.min(axis=0), observed.max(axis=0), witness.outside, max(lengths), ended_all)
+    binary = tuple(
+        feature for feature, column in enumerate(observed.T) if np.unique(column).tolist() == [0.0, 1.0]
+    )
+    return Probe(
+        ranges,
+        binary,
+        observed.min(axis=0),
+        observed.max(axis=0),
+        witness.outside,
+        max(lengths),
+        ended_all,
+    )
 
 
 def _policy(
@@ -187,7 +200,9 @@ def _range(
         return low, high
     first, last = np.quantile(finite, _QUANTILES).tolist()
     if first == last:
-        first, last = first - max(1.0, abs(first)) / 2, last + max(1.0, abs(last)) / 2
+        first, last = float(finite.min()), float(finite.max())
+        if first == last:
+            return first, last
     # A hundredth of the width is as exactly as quantiles of a few thousand steps are known.
     unit = 10.0 ** math.floor(math.log10(last - first) - 1)
     first, last = (

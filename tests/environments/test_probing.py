@@ -42,6 +42,13 @@ def test_what_is_seen_is_the_range_where_declared_bounds_say_nothing_or_are_untr
     assert (found.seen_low.tolist(), found.seen_high.tolist()) == ([0, 0], [40, 80])
 
 
+def test_features_of_two_values_are_noticed():
+    one_hot = probe(describe("FrozenLake-v1", wrappers=("gymnasium.wrappers:FlattenObservation",)))
+    assert set(one_hot.ranges) == {(0.0, 1.0)}
+    assert {0, 1, 4} <= set(one_hot.binary)
+    assert probe(describe("Pendulum-v1")).binary == ()
+
+
 def test_all_ranges_are_finite_and_of_some_width():
     for environment_id in ("CartPole-v1", "Acrobot-v1", register(CountdownEnv), register(ThrustEnv)):
         ranges = np.array(probe(describe(environment_id)).ranges)
