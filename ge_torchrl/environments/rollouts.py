@@ -94,40 +94,29 @@ def _move_lane(lanes: Lanes, source: int, target: int) -> None:
     lanes.leaf_start[target] = lanes.leaf_start[source]
 
 
-@inlined
-def _leaf_rows(forest: ForestArrays, tree: int, way: int, by_number: bool) -> NDArray[np.float64]:
-    """Return `leaf_values` where a way needs them."""
-    if way in (_WALKS, _WALKS_OVER_SUMS):
-        return np.zeros(0)
-    return leaf_values(forest, tree, by_number)
-
-
-@inlined
-def _decide(
-    lanes: Lanes,
-    values: NDArray[np.float64],
-    work: _Work,
-    forest: ForestArrays,
-    tree: int,
-    way: int,
-    by_number: bool,
-    n: int,
+@compiled
+def _decide_any(
+    lanes: Lanes, values: NDArray[np.float64], work: _Work, forest: ForestArrays, tree: int, n: int
 ) -> None:
-    """Set the ACTION of the first `n` lanes; `tree` is that of all lanes where splits are evaluated by selects."""
-    if way == _SELECTS:
-        decide_by_selects(lanes.rows, values, forest, tree)
-        if by_number:
-            look_up_actions(lanes.rows, forest, tree, work.leaf_visits, n)
-    elif way == _WALKS:
-        decide_by_walks(lanes, forest, work.leaf_visits, n)
-    elif way == _SELECTS_OVER_SUMS:
-        if forest.value.shape[1] > 0 and not by_number:
-            evaluate_leaves(lanes.rows, values, forest, tree, work.bounds)
-        decide_by_selects_of_sums(lanes.rows, values, forest, tree)
-        if by_number:
-            look_up_answers(lanes.rows, forest, tree, work.bounds, work.leaf_visits, n)
-    else:
+    """Set the ACTION of the first `n` lanes, of trees of any kind; by selects where there are `values`, of one tree.
+
+    A function of its own: its arrays would be counted in the loop of axis-aligned trees too.
+    """
+    if len(values) == 0:
         decide_by_sums(lanes, forest, work.bounds, work.leaf_visits, n)
+        return
+    by_number = _by_number(forest, work)
+    if forest.value.shape[1] > 0 and not by_number:
+        evaluate_leaves(lanes.rows, values, forest, tree, work.bounds)
+    decide_by_selects_of_sums(lanes.rows, values, forest, tree)
+    if by_number:
+        look_up_answers(lanes.rows, forest, tree, work.bounds, work.leaf_visits, n)
+
+
+@inlined
+def _by_number(forest: ForestArrays, work: _Work) -> bool:
+    """Tell whether leaves are selected by number: to be counted, or since each holds several values."""
+    return len(work.leaf_visits) > 0 or forest.value.shape[1] > 1
 
 
 @compiled
@@ -148,16 +137,22 @@ def _run_trees(
         np.zeros(LANES, np.int64),
         np.zeros(LANES, np.int64),
     )
-    # One value a leaf is selected itself, where nothing is counted; else leaves are selected by number.
-    by_number = len(work.leaf_visits) > 0 or forest.value.shape[1] > 1
-    values = _leaf_rows(forest, first_tree, way, by_number)
+    counting, selecting = len(work.leaf_visits) > 0, way in (_SELECTS, _SELECTS_OVER_SUMS)
+    values = leaf_values(forest, first_tree, _by_number(forest, work)) if selecting else np.zeros(0)
     tree, episode, n = _next_tree(forest, first_tree, last_tree), work.first_episode, 0
     n_steps = 0
     while n < LANES and tree < last_tree:
         tree, episode = _start_episode(lanes, n, work, forest, tree, episode, last_tree)
         n += 1
     while n > 0:
-        _decide(lanes, values, work, forest, first_tree, way, by_number, n)
+        if way == _SELECTS:
+            decide_by_selects(lanes.rows, values, forest, first_tree)
+            if counting:
+                look_up_actions(lanes.rows, forest, first_tree, work.leaf_visits, n)
+        elif way == _WALKS:
+            decide_by_walks(lanes, forest, work.leaf_visits, n)
+        else:
+            _decide_any(lanes, values, work, forest, first_tree, n)
         advance(dynamics, lanes.rows, n)
         n_steps += n
         if _count_step(lanes, work.max_episode_steps, n) == 0:
