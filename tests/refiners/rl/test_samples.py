@@ -17,6 +17,8 @@ from ge_torchrl.refiners.rl import collecting
 from ge_torchrl.refiners.rl.actor_critic import make_actor
 from ge_torchrl.refiners.rl.collecting import CollectorSource
 from ge_torchrl.refiners.rl.ddt import soften
+from ge_torchrl.refiners.rl.distributions import GaussianMixture
+from ge_torchrl.refiners.rl.gaussian import soften_values
 from ge_torchrl.refiners.rl.samples import KernelSource, last_returns, open_source
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -39,7 +41,12 @@ class Sampled:
         self, name, trees, environment_id="CartPole-v1", limit=None, seeds=None, alpha=10.0, **options
     ):
         backend = BACKENDS[name](describe(environment_id, max_episode_steps=limit), 1)
-        ddt = soften(trees, backend.spec.n_actions, alpha, 0, options.pop("leaf_logit", 1.0), **options)
+        spec = backend.spec
+        if spec.is_continuous:
+            bounds = spec.action_low, spec.action_high
+            ddt = soften_values(trees, spec.n_features, bounds, alpha=alpha, **options)
+        else:
+            ddt = soften(trees, spec.n_actions, alpha, 0, options.pop("leaf_logit", 1.0), **options)
         seeds = range(len(trees)) if seeds is None else seeds
         rngs = [np.random.default_rng([7, seed]) for seed in seeds]
         source = open_source(backend, ddt, make_actor(ddt), rngs, "refinement")
@@ -88,6 +95,39 @@ def test_log_probabilities_are_those_of_one_batched_forward_pass(opened, name, s
         expected = ddt(samples["observation"]).gather(-1, samples["action"].unsqueeze(-1)).squeeze(-1)
     assert samples["action_log_prob"].unique().numel() > 1
     torch.testing.assert_close(samples["action_log_prob"], expected, atol=1e-5, rtol=0)
+
+
+SWINGING = [
+    split(0, 0.5, DecisionTree.value_leaf([1.9], {2: [0.3]}), DecisionTree.value_leaf([0.0], {1: [-4.0]})),
+    DecisionTree.value_leaf([0.2]),
+    DecisionTree.weighted_split([0, 2], [1.0, 0.1], 0.2, *map(DecisionTree.value_leaf, ([-1.0], [1.0]))),
+]
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+@pytest.mark.parametrize("straight_through", [False, True])
+def test_values_are_drawn_from_the_mixture_and_recorded_as_drawn(opened, name, straight_through):
+    """What lies between a value and the mean of its mixture, in its deviations, has mean 0 and deviation 1."""
+    source, ddt, backend = opened(name, SWINGING, "Pendulum-v1", straight_through=straight_through)
+    samples = flat(source.collect(1600))
+    assert layout(samples)["action"] == ((3, 1600, 1), torch.float32)
+    assert backend.steps == {"refinement": 4800}
+    with torch.no_grad():
+        weights, answers, log_sd = ddt(samples["observation"])
+        expected = GaussianMixture(weights, answers, log_sd).log_prob(samples["action"])
+    torch.testing.assert_close(samples["action_log_prob"], expected, atol=1e-4, rtol=0)
+    mean = (weights.unsqueeze(-1) * answers).sum(-2)
+    variance = (weights.unsqueeze(-1) * (answers - mean.unsqueeze(-2)).square()).sum(-2) + (2 * log_sd).exp()
+    normal = ((samples["action"] - mean) / variance.sqrt()).squeeze(-1).double()
+    assert (normal.mean(1).abs() < 4.5 / math.sqrt(1600)).all()
+    assert ((normal.square().mean(1) - 1).abs() < 4.5 * math.sqrt(2 / 1600)).all()
+    assert (samples["action"].abs() > 2).any(), "not cut"
+
+
+def test_values_of_a_tree_follow_from_its_generator_alone(opened):
+    together = opened("gymnasium", SWINGING, "Pendulum-v1")[0].collect(80)
+    alone = opened("gymnasium", SWINGING[2:], "Pendulum-v1", seeds=[2])[0].collect(80)
+    torch.testing.assert_close(alone["action"][0], together["action"][2], atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", BACKENDS)
