@@ -74,7 +74,10 @@ def generated_grammar(spec: EnvironmentSpec) -> str:
     tests = [
         f"lt({name}, [{low:.12g}, {high:.12g}] step {_step(low, high):.12g})"
         for name, (low, high) in zip(spec.names.features, probe(spec).ranges, strict=True)
+        if low < high
     ]
+    if not tests:
+        raise GrammarError(f"grammar.bnf has to be given, since no feature of {spec.id} varies in play")
     return (
         "<dt>        ::= <if>\n"
         "<if>        ::= if <condition> then <action> else <action>\n"

@@ -1,6 +1,6 @@
 import gymnasium as gym
 import pytest
-from environments_for_tests import CountdownEnv, EndlessEnv, UnseededEnv, register
+from environments_for_tests import CountdownEnv, EndlessEnv, StillEnv, UnseededEnv, register
 from problems_for_tests import BNF, FEATURES, config_of
 
 from ge_torchrl.errors import EnvironmentFaultError, GrammarError
@@ -93,3 +93,9 @@ def test_an_environment_without_a_limit_gets_one_and_a_word_about_it():
 def test_an_environment_that_ignores_its_seeds_is_told():
     (note,) = plan(any_environment(register(UnseededEnv), max_episode_steps=50)).notes
     assert note.startswith("TestUnseededEnv-v0 ignores reset(seed=...)")
+
+
+def test_a_feature_that_does_not_vary_is_not_tested():
+    bnf = plan(any_environment(register(StillEnv))).config.grammar.bnf
+    assert "lt(x0, " in bnf
+    assert "lt(x1, " not in bnf

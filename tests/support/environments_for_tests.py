@@ -143,6 +143,17 @@ class BreakoutEnv(CountdownEnv):
         return np.array([self.steps, 2 * self.steps], np.float32), 1.0, self.steps == 40, False, {}
 
 
+class StillEnv(BreakoutEnv):
+    """Its x1 never varies, whatever it declares."""
+
+    def step(self, action):
+        observation, *rest = super().step(action)
+        observation[1] = 0
+        return (observation, *rest)
+
+    observation_space = gym.spaces.Box(-1e9, 1e9, (2,), np.float32)
+
+
 class SpacesEnv(gym.Env):
     """Observes and takes whatever its spaces hold; ends after three steps, and keeps its actions."""
 
