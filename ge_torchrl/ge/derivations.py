@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from ge_torchrl.ge.productions import Kind
-from ge_torchrl.ge.rule_tables import ACTION, CHOICE, CONSTANT, END, FEATURE, IF, RANGE, RuleTables
+from ge_torchrl.ge.rule_tables import CHOICE, CONSTANT, END, FEATURE, ONE, RANGE, VALUE, ZERO, RuleTables
+from ge_torchrl.ge.sentences import NUMBER, Sentence, said_by
 from ge_torchrl.trees.tree import DecisionTree
 
-_NONE = -1
+Ends = Mapping[int, float]
+"""Where a derivation may end, and the fewest codons that it takes."""
+_NOWHERE: Ends = {}
 
 
 class Derivations:
-    """The derivations of a tree, found by dynamic programming from its last node to its root.
+    """The derivations of a tree, found by dynamic programming from the end of its sentence to its beginning.
 
-    A node is a split or a leaf here, numbered depth first, left before right.
+    A position is a word of the sentence, the next to be derived. Where leaves have several values, a derivation may
+    have terms of weight zero that the tree does not have: with the weight of such a term it goes from position `p`
+    to `~p`, and with any feature back.
 
     Args:
-        target: The tree, of axis-aligned splits and of leaves that are actions.
+        target: The tree.
         tables: The compiled grammar.
 
     Attributes:
-        n_nodes: Number of nodes.
+        sentence: What the grammar has to derive.
         symbols: [S] kind and argument of every symbol.
     """
 
@@ -29,82 +35,147 @@ class Derivations:
         program = tables.program
         kinds, arguments = program.symbol_kind.tolist(), program.symbol_argument.tolist()
         self.symbols: list[tuple[int, int]] = list(zip(kinds, arguments, strict=True))
+        self.sentence: Sentence = said_by(target, tables)
         self._tables = tables
         self._constants: list[float] = program.constants.tolist()
-        nodes = _depth_first(target)
-        self.n_nodes = len(nodes)
-        self._feature = [int(target.feature[node]) if node >= 0 else _NONE for node in nodes]
-        self._threshold = [float(target.threshold[node]) if node >= 0 else math.nan for node in nodes]
-        self._action = [int(target.action[~node]) if node < 0 else _NONE for node in nodes]
-        self._subtree_sizes = _subtree_sizes(nodes)
-        self._codons_of_rule = [[math.inf] * self.n_nodes for _ in tables.rule_bodies]
-        for node in reversed(range(self.n_nodes)):
-            # The tables' order of rules puts those that a rule needs at the same node before it.
-            for rule, bodies in enumerate(tables.rule_bodies):
-                self._codons_of_rule[rule][node] = 1 + min(self.codons_of_body(body, node) for body in bodies)
+        self._any_feature = [math.inf] * len(tables.rule_bodies)
+        self._ends: list[dict[int, Ends]] = [{} for _ in tables.rule_bodies]
+        self._rules: dict[Kind, list[int]] = {kind: [] for kind in Kind}
+        for rule, kind in enumerate(tables.rule_kinds):
+            self._rules[kind].append(rule)
+        self._derive()
 
-    def constants_at(self, constants: int, node: int, codon: int) -> list[int]:
-        """Return which choice of a range gives a node's threshold: the codon's own where it does."""
-        values, threshold = self._tables.ranges[constants], self._threshold[node]
-        if values.value(codon % values.count) == threshold:
-            return [codon % values.count]
-        index = values.find(threshold)
-        return [] if index is None else [index]
+    def _derive(self) -> None:
+        for rule in self._rules[Kind.FEATURE]:
+            bodies = self._tables.rule_bodies[rule]
+            self._any_feature[rule] = 1 + min(self.fewest_codons(body, ~0, {0: 0}) for body in bodies)
+        for position in reversed(range(len(self.sentence.words))):
+            for kind in self.sentence.kinds_at(position):
+                # The tables' order of rules puts those that a rule has as whole productions before it. But a sum may
+                # begin with any other.
+                changed = self._derive_at(position, kind)
+                while changed and kind is Kind.SUM:
+                    changed = self._derive_at(position, kind)
 
-    def codons_of_body(self, at: int, node: int) -> float:
-        """Return the fewest codons with which the body from symbol `at` on derives what begins at a node.
+    def _derive_at(self, position: int, kind: Kind) -> bool:
+        changed = False
+        for rule in self._rules[kind]:
+            ends: dict[int, float] = {}
+            for body in self._tables.rule_bodies[rule]:
+                for end, codons in self._ends_of_body(body, position).items():
+                    ends[end] = min(ends.get(end, math.inf), 1 + codons)
+            changed |= ends != self._ends[rule].get(position, _NOWHERE)
+            self._ends[rule][position] = ends
+        return changed
 
-        Infinity where it cannot. What begins there is the subtree, its condition, feature or constant.
+    @property
+    def fewest_codons_of_all(self) -> float:
+        """The fewest codons that derive the tree; infinity where none do."""
+        return self.fewest_codons(0, 0, {len(self.sentence.words) - 1: 0})
+
+    def fewest_codons(self, at: int, position: int, after: Ends) -> float:
+        """Return the fewest codons with which the body from symbol `at` on derives what begins at a position.
+
+        Args:
+            at: The body's first symbol.
+            position: Where it begins.
+            after: Where it may end, and the fewest codons for what comes then.
+
+        Returns:
+            The codons of both; infinity where it cannot.
         """
-        codons = 0.0
-        while True:
-            kind, argument = self.symbols[at]
+        ends = self._ends_of_body(at, position)
+        return min((codons + after[end] for end, codons in ends.items() if end in after), default=math.inf)
+
+    def _ends_of_body(self, at: int, position: int) -> Ends:
+        reached: Ends = {position: 0}
+        while self.symbols[at][0] != END and reached:
+            reached = self._all_ends(at, reached)
             at += 1
-            if kind == END:
-                return codons
-            codons += self._codons_of_symbol(kind, argument, node)
-            if codons == math.inf:
-                return codons
-            node += self._nodes_of_symbol(kind, argument, node)
+        return reached
 
-    def _codons_of_symbol(self, kind: int, argument: int, node: int) -> float:
+    def _all_ends(self, at: int, reached: Ends) -> Ends:
+        if len(reached) == 1:
+            ((position, before),) = reached.items()
+            ends = self.ends(at, position)
+            return {end: before + codons for end, codons in ends.items()} if before else ends
+        together: dict[int, float] = {}
+        for position, before in reached.items():
+            for end, codons in self.ends(at, position).items():
+                together[end] = min(together.get(end, math.inf), before + codons)
+        return together
+
+    def afters(self, at: int, position: int, after: Ends) -> list[Ends]:
+        """Return for each symbol of a body where it may end, and the fewest codons for all that comes then.
+
+        Args:
+            at: The body's first symbol.
+            position: Where it begins.
+            after: Where it may end, and the fewest codons for what comes then.
+        """
+        reached: list[Ends] = [{position: 0}]
+        while self.symbols[at][0] != END:
+            reached.append(self._all_ends(at, reached[-1]))
+            at += 1
+        afters = [after]
+        for place in reversed(range(1, len(reached) - 1)):
+            at -= 1
+            costs = {
+                here: min(
+                    (
+                        codons + afters[-1][end]
+                        for end, codons in self.ends(at, here).items()
+                        if end in afters[-1]
+                    ),
+                    default=math.inf,
+                )
+                for here in reached[place]
+            }
+            afters.append({here: cost for here, cost in costs.items() if cost < math.inf})
+        return afters[::-1]
+
+    def ends(self, at: int, position: int) -> Ends:
+        """Return where the symbol `at` may end that begins at a position, and with how few codons."""
+        kind, argument = self.symbols[at]
+        if position < 0:
+            if kind == FEATURE:
+                return {~position: 0}
+            is_feature = kind == CHOICE and self._tables.rule_kinds[argument] is Kind.FEATURE
+            return {~position: self._any_feature[argument]} if is_feature else _NOWHERE
         if kind == CHOICE:
-            return self._codons_of_rule[argument][node]
+            return self._ends[argument].get(position, _NOWHERE)
+        if kind == VALUE:
+            return {position: 0}
+        if kind in (RANGE, CONSTANT, ONE, ZERO):
+            return self._ends_of_number(kind, argument, position)
+        return {position + 1: 0} if self.sentence.words[position] == (kind, argument) else _NOWHERE
+
+    def _ends_of_number(self, kind: int, argument: int, position: int) -> Ends:
+        sentence, ends = self.sentence, dict[int, float]()
+        is_number = sentence.words[position][0] == NUMBER
+        if is_number and self._says(kind, argument, sentence.numbers[position]):
+            ends[position + 1] = int(kind == RANGE)
+        if sentence.may_add_zeros[position] and kind in (RANGE, CONSTANT) and self._says(kind, argument, 0.0):
+            ends[~position] = int(kind == RANGE)
+        return ends
+
+    def _says(self, kind: int, argument: int, number: float) -> bool:
         if kind == RANGE:
-            return math.inf if self._tables.ranges[argument].find(self._threshold[node]) is None else 1
-        fits = (
-            (kind == IF and self._feature[node] != _NONE)
-            or (kind == FEATURE and self._feature[node] == argument)
-            or (kind == CONSTANT and self._threshold[node] == self._constants[argument])
-            or (kind == ACTION and self._action[node] == argument)
-        )
-        return 0 if fits else math.inf
+            return self._tables.ranges[argument].find(number) is not None
+        return number == (self._constants[argument] if kind == CONSTANT else float(kind == ONE))
 
-    def _nodes_of_symbol(self, kind: int, argument: int, node: int) -> int:
-        """Return how many nodes, counted depth first, are complete after a symbol that begins at a node."""
-        if kind != CHOICE:
-            return int(kind in (CONSTANT, RANGE, ACTION))
-        derived = self._tables.rule_kinds[argument]
-        return self._subtree_sizes[node] if derived is Kind.TREE else int(derived is not Kind.FEATURE)
+    def constants_at(self, constants: int, position: int, end: int, codon: int) -> list[int]:
+        """Return which choice of a range gives the number at a position: the codon's own where it does.
 
-
-def _depth_first(tree: DecisionTree) -> list[int]:
-    """Return the splits (`>= 0`) and leaves (`~leaf`) of a tree, left before right."""
-    nodes, pending = list[int](), [0 if tree.num_decision_nodes else ~0]
-    while pending:
-        node = pending.pop()
-        nodes.append(node)
-        if node >= 0:
-            pending += [int(tree.children_right[node]), int(tree.children_left[node])]
-    return nodes
-
-
-def _subtree_sizes(nodes: list[int]) -> list[int]:
-    """Return the number of nodes below and including each of the nodes, depth first."""
-    sizes = [1] * len(nodes)
-    complete = list[int]()  # The subtrees that have no parent yet, the leftmost last.
-    for at in reversed(range(len(nodes))):
-        if nodes[at] >= 0:
-            sizes[at] += complete.pop() + complete.pop()
-        complete.append(sizes[at])
-    return sizes
+        Args:
+            constants: Number of the range.
+            position: Where the number is.
+            end: Where the range ends: a term of weight zero that the tree does not have is `~position`.
+            codon: The codon that chooses.
+        """
+        values = self._tables.ranges[constants]
+        number = 0.0 if end < 0 else self.sentence.numbers[position]
+        if values.value(codon % values.count) == number:
+            return [codon % values.count]
+        index = values.find(number)
+        return [] if index is None else [index]

@@ -4,79 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ge_torchrl.errors import UnencodableTreeError
 from ge_torchrl.ge.codons import CODON_LIMIT, Codons
 from ge_torchrl.ge.derivations import Derivations
-from ge_torchrl.ge.grammar import Grammar
-from ge_torchrl.ge.rule_tables import ACTION, CHOICE, CONSTANT, END, RANGE, RuleTables
+from ge_torchrl.ge.rule_tables import CHOICE, RANGE, RuleTables
+from ge_torchrl.ge.snapping import constants_near, snap
 from ge_torchrl.trees.tree import DecisionTree
 
-NEAR: Final = (-4, -2, -1, 1, 2, 4)
-"""How many constants away the constants are that `constants_near` takes, in both directions."""
-
-
-def snap(tree: DecisionTree, grammar: Grammar) -> DecisionTree:
-    """Round each threshold to the nearest constant that the grammar offers with the split's feature.
-
-    Of two equally near constants the lower is taken; a snapped tree stays as it is.
-
-    Args:
-        tree: The tree.
-        grammar: The grammar.
-
-    Returns:
-        The snapped tree.
-
-    Raises:
-        UnencodableTreeError: The grammar never tests a feature of the tree, or derives no trees of its kind.
-    """
-    _check_kind(tree)
-    threshold = np.empty(tree.num_decision_nodes, np.float32)
-    for split in range(tree.num_decision_nodes):
-        feature, wanted = int(tree.feature[split]), float(tree.threshold[split])
-        offered = grammar.constants[feature] if feature < len(grammar.features) else ()
-        if not offered:
-            name = grammar.features[feature] if feature < len(grammar.features) else f"number {feature}"
-            raise UnencodableTreeError(
-                f"split {split} tests feature {name}, which no condition of the grammar does"
-            )
-        nearest = (constants.value(constants.nearest(wanted)) for constants in offered)
-        threshold[split] = min(nearest, key=lambda value: (abs(value - wanted), value))
-    return tree.with_parameters(threshold)
-
-
-def constants_near(
-    tree: DecisionTree, grammar: Grammar, strides: Sequence[int] = NEAR
-) -> NDArray[np.float32]:
-    """Return what the tree's parameters become when one of them moves by a few of the grammar's constants.
-
-    Args:
-        tree: A snapped tree; a threshold that is no constant of the grammar does not move.
-        grammar: The grammar.
-        strides: By how many constants of its range a threshold moves.
-
-    Returns:
-        [R, N] float32, the parameters of `R` trees that each differ from the tree in one; `R` is 0 where none can move.
-    """
-    moved = []
-    for split in range(tree.num_decision_nodes):
-        feature, threshold = int(tree.feature[split]), float(tree.threshold[split])
-        for constants in grammar.constants[feature]:
-            index = constants.find(threshold)
-            if index is None:
-                continue
-            for at in (index + stride for stride in strides):
-                # A step can be finer than float32, so that a neighbour is the same number.
-                if 0 <= at < constants.count and constants.value(at) != threshold:
-                    parameters = tree.parameters.copy()
-                    parameters[split] = constants.value(at)
-                    moved.append(parameters)
-    return np.array(moved, np.float32).reshape(len(moved), len(tree.parameters))
+__all__ = ["can_derive", "constants_near", "encode", "snap"]
 
 
 def encode(tree: DecisionTree, codons: Codons, tables: RuleTables, wraps: int = 0) -> Codons:
@@ -102,7 +38,7 @@ def encode(tree: DecisionTree, codons: Codons, tables: RuleTables, wraps: int = 
     """
     target = snap(tree, tables.grammar)
     derivations = Derivations(target, tables)
-    needed, readable = derivations.codons_of_body(0, 0), len(codons) * (wraps + 1)
+    needed, readable = derivations.fewest_codons_of_all, len(codons) * (wraps + 1)
     if needed == math.inf:
         raise UnencodableTreeError(
             f"no derivation from <{tables.grammar.start.name}> gives this tree of {_number_of_splits(target)}"
@@ -112,29 +48,42 @@ def encode(tree: DecisionTree, codons: Codons, tables: RuleTables, wraps: int = 
             f"the tree needs at least {needed:.0f} codons; the genotype of {len(codons)} gives {readable} "
             f"with {wraps} wraps"
         )
-    genotype = _Genotype(codons)
-    spare = readable - needed
-    node, at, returns = 0, 0, list[int]()
-    while node < derivations.n_nodes:
+    return _edited(_Genotype(codons), derivations, tables, readable - needed)
+
+
+def _edited(genotype: _Genotype, derivations: Derivations, tables: RuleTables, spare: float) -> Codons:
+    """Read a genotype from its beginning and make its choices lead to the tree, with some codons to spare."""
+    position, length = 0, len(derivations.sentence.words) - 1
+    # The bodies that are not over: the next symbol, and where each of the symbols left may end.
+    open_bodies = [(0, derivations.afters(0, 0, {length: 0}))]
+    while open_bodies:
+        at, afters = open_bodies.pop()
         kind, argument = derivations.symbols[at]
-        at += 1
+        after = afters[0]
+        if len(afters) > 1:
+            open_bodies.append((at + 1, afters[1:]))
         if kind == CHOICE:
             bodies = tables.rule_bodies[argument]
-            costs = [derivations.codons_of_body(body, node) for body in bodies]
+            costs = [derivations.fewest_codons(body, position, after) for body in bodies]
             longer = [cost - min(costs) for cost in costs]
             possible = [choice for choice in range(len(bodies)) if longer[choice] <= spare]
             choice = genotype.choose(len(bodies), sorted(possible, key=longer.__getitem__))
             spare -= longer[choice]
-            returns.append(at)
-            at = bodies[choice]
-        elif kind == RANGE:
-            genotype.choose(
-                tables.ranges[argument].count, derivations.constants_at(argument, node, genotype.codon)
-            )
-        elif kind == END:
-            at = returns.pop()
-        if kind in (CONSTANT, RANGE, ACTION):
-            node += 1
+            open_bodies.append((bodies[choice], derivations.afters(bodies[choice], position, after)))
+            continue
+        ends = {end: after[end] for end in derivations.ends(at, position) if end in after}
+        end = min(ends, key=ends.__getitem__)
+        if kind == RANGE:
+            choices = {
+                choice: of
+                for of in sorted(ends, key=ends.__getitem__)
+                if ends[of] - ends[end] <= spare
+                for choice in derivations.constants_at(argument, position, of, genotype.codon)
+            }
+            shortest = ends[end]
+            end = choices[genotype.choose(tables.ranges[argument].count, list(choices))]
+            spare -= ends[end] - shortest
+        position = end
     return genotype.codons
 
 
@@ -149,7 +98,7 @@ def can_derive(tree: DecisionTree, tables: RuleTables) -> bool:
         target = snap(tree, tables.grammar)
     except UnencodableTreeError:
         return False
-    return Derivations(target, tables).codons_of_body(0, 0) < math.inf
+    return Derivations(target, tables).fewest_codons_of_all < math.inf
 
 
 class _Genotype:
@@ -196,14 +145,6 @@ def _change_codon(codon: int, modulus: int, n_choices: int, choice: int) -> int 
     if changed >= CODON_LIMIT:
         changed -= period
     return changed if changed >= 0 else None
-
-
-def _check_kind(tree: DecisionTree) -> None:
-    if not (tree.is_axis_aligned and tree.has_actions):
-        raise UnencodableTreeError(
-            "a grammar derives trees that test one feature at a time and whose leaves are actions; "
-            "this tree has weighted splits or leaves of other kinds"
-        )
 
 
 def _number_of_splits(tree: DecisionTree) -> str:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
+from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from typing import NoReturn
 
 from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.productions import (
-    Action,
+    Answer,
     Constants,
-    Feature,
     If,
     Kind,
     LessThan,
@@ -18,7 +18,9 @@ from ge_torchrl.ge.productions import (
     Place,
     Production,
     Rule,
-    slots,
+    Shifted,
+    Sum,
+    joined,
     terms,
 )
 
@@ -56,6 +58,49 @@ def fail(place: Place, message: str) -> NoReturn:
     raise GrammarError(f"{place}: {message}")
 
 
+def told_apart(rules: Mapping[str, Rule]) -> dict[str, Rule]:
+    """Return the rules with each sum whose first part is a constant as what it is: a value, not a sum of features."""
+    constant: set[str] = set()
+    grew = True
+    while grew:
+        found = {
+            name
+            for name, rule in rules.items()
+            if all(_is_constant(production, constant) for production in rule.productions)
+        }
+        grew, constant = found > constant, found
+
+    def replaced(term: Production) -> Production:
+        match term:
+            case Sum(parts=(first, *others)) if _is_constant(first, constant):
+                linear = others[0] if len(others) == 1 else Sum(tuple(others), place=others[0].place)
+                return Shifted(first, linear, place=term.place)
+            case Answer():
+                return replace(term, values=tuple(map(replaced, term.values)))
+            case LessThan():
+                return replace(term, linear=replaced(term.linear))
+            case If():
+                return replace(
+                    term,
+                    condition=replaced(term.condition),
+                    then=replaced(term.then),
+                    otherwise=replaced(term.otherwise),
+                )
+            case _:
+                return term
+
+    return {
+        name: replace(rule, productions=tuple(map(replaced, rule.productions)))
+        for name, rule in rules.items()
+    }
+
+
+def _is_constant(production: Production, constant: Container[str]) -> bool:
+    if isinstance(production, Nonterminal):
+        return production.name in constant
+    return isinstance(production, Constants)
+
+
 def _check_defined(rules: Mapping[str, Rule]) -> None:
     for rule in rules.values():
         for name, place in _references(rule):
@@ -87,36 +132,30 @@ def _kinds(rules: Mapping[str, Rule]) -> dict[str, Kind]:
     kinds: dict[str, Kind] = {}
     for name in order:
         first, *others = rules[name].productions
-        kinds[name] = _kind(first, kinds)
+        kinds[name] = kind_of(first, kinds)
         for production in others:
-            if (kind := _kind(production, kinds)) is not kinds[name]:
+            kind = kind_of(production, kinds)
+            if (both := joined(kinds[name], kind)) is None:
                 fail(
                     production.place,
                     f"the productions of <{name}> must be of one kind; "
                     f"the first is {kinds[name].value}, this one is {kind.value}",
                 )
+            kinds[name] = both
     return kinds
 
 
-def _kind(production: Production, kinds: Mapping[str, Kind]) -> Kind:
-    match production:
-        case Action() | If():
-            return Kind.TREE
-        case LessThan():
-            return Kind.CONDITION
-        case Feature():
-            return Kind.FEATURE
-        case Constants():
-            return Kind.CONSTANT
-        case Nonterminal():
-            return kinds[production.name]
+def kind_of(production: Production, kinds: Mapping[str, Kind]) -> Kind:
+    """Return what a production derives, from what the rules derive."""
+    return kinds[production.name] if isinstance(production, Nonterminal) else production.KIND
 
 
 def _check_slots(production: Production, kinds: Mapping[str, Kind]) -> None:
     for term in terms(production):
-        for part, expected in slots(term):
-            if (kind := _kind(part, kinds)) is not expected:
-                fail(part.place, f"expected {expected.value} here, but this is {kind.value}")
+        for part, expected in term.slots:
+            kind = kind_of(part, kinds)
+            if not kind.serves_as(expected):
+                fail(part.place, f"expected {expected.expected} here, but this is {kind.value}")
 
 
 def _check_productive(rules: Mapping[str, Rule]) -> None:

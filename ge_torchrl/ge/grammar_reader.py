@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import NoReturn
 
 from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.codons import CODON_LIMIT
 from ge_torchrl.ge.grammar_checks import fail
 from ge_torchrl.ge.productions import (
     Action,
+    Answer,
     Constants,
     Feature,
     If,
     LessThan,
     Nonterminal,
     Place,
+    Product,
     Production,
     Rule,
+    Sum,
 )
 
 _KEYWORDS = ("if", "then", "else", "lt", "step")
@@ -30,7 +34,7 @@ _TOKEN = re.compile(
     |(?P<nonterminal><[A-Za-z0-9_-]+>)
     |(?P<number>[+-]?(?:[0-9]+(?:\.[0-9]+)?|\.[0-9]+))
     |(?P<word>{_WORD})
-    |(?P<mark>[|(),\[\]])
+    |(?P<mark>[|(),\[\]+*])
     |(?P<unknown>.)""",
     re.VERBOSE | re.DOTALL,
 )
@@ -40,13 +44,16 @@ _MAX_NESTING = 50
 _Words = Mapping[str, tuple[type[Feature | Action], int]]
 
 
-def read_rules(text: str, features: Sequence[str], actions: Sequence[str]) -> dict[str, Rule]:
+def read_rules(
+    text: str, features: Sequence[str], actions: Sequence[str], *, continuous: bool = False
+) -> dict[str, Rule]:
     """Read the rules of a text, in its order; only the notation is checked, not what the rules amount to.
 
     Args:
         text: The rules.
         features: [D] names of the features.
         actions: [A] names of the actions.
+        continuous: Whether they are the entries of a Box action. Then they are no words of the text.
 
     Returns:
         The rules by name.
@@ -54,7 +61,8 @@ def read_rules(text: str, features: Sequence[str], actions: Sequence[str]) -> di
     Raises:
         GrammarError: The text is not of the notation, or a name cannot be a word of it.
     """
-    return _Reader(text, _vocabulary(features, actions)).rules()
+    words = _vocabulary(features, () if continuous else actions)
+    return _Reader(text, words, tuple(actions) if continuous else ()).rules()
 
 
 def _vocabulary(features: Sequence[str], actions: Sequence[str]) -> _Words:
@@ -89,7 +97,8 @@ def _tokens(text: str) -> list[_Token]:
     for match in _TOKEN.finditer(text):
         place = Place(line, match.start() - line_start + 1)
         if match.lastgroup == "unknown":
-            fail(place, f"unexpected character {match.group()!r}")
+            hint = "; a sum is joined by `+`, as in `x + -2 * y`" if match.group() == "-" else ""
+            fail(place, f"unexpected character {match.group()!r}{hint}")
         if match.lastgroup != "space":
             tokens.append(_Token(str(match.lastgroup), match.group(), place))
         if ends := match.group().count("\n"):
@@ -101,9 +110,10 @@ def _tokens(text: str) -> list[_Token]:
 class _Reader:
     """A recursive-descent reader: one method for each form of the notation."""
 
-    def __init__(self, text: str, words: _Words) -> None:
+    def __init__(self, text: str, words: _Words, entries: tuple[str, ...]) -> None:
         self._tokens = _tokens(text)
         self._words = words
+        self._entries = entries  # Of a Box action; none where actions are discrete.
         self._at = 0
         self._nesting = 0
 
@@ -142,6 +152,24 @@ class _Reader:
         return self._take(self._next.kind)
 
     def _production(self) -> Production:
+        place = self._next.place
+        parts = [self._product()]
+        # `x +2 * y` and `x -2 * y` are sums too, whose signs belong to the numbers.
+        while self._next.text == "+" or (self._next.kind == "number" and self._next.text[0] in "+-"):
+            if self._next.text == "+":
+                self._take("mark")
+            parts.append(self._product())
+        return parts[0] if len(parts) == 1 else Sum(tuple(parts), place=place)
+
+    def _product(self) -> Production:
+        place = self._next.place
+        first = self._part()
+        if self._next.text != "*":
+            return first
+        self._take("mark")
+        return Product(first, self._part(), place=place)
+
+    def _part(self) -> Production:
         token = self._next
         if token.kind == "nonterminal":
             self._take("nonterminal")
@@ -150,31 +178,71 @@ class _Reader:
             return self._constants(token.place, [self._take("number")])
         if token.text == "[":
             return self._range()
-        if token.text in ("if", "lt"):
+        # Only with its bracket is `act` no name.
+        if token.text in ("if", "lt") or (token.text == "act" and self._tokens[self._at + 1].text == "("):
             return self._nested()
-        word = self._take("word", "an action, a feature, a number, a range, `if`, `lt` or a nonterminal")
+        leaf = "`act`" if self._entries else "an action"
+        word = self._take("word", f"{leaf}, a feature, a number, a range, `if`, `lt` or a nonterminal")
         return self._name(word)
 
     def _name(self, word: _Token) -> Production:
         if word.text not in self._words:
-            features, actions = (
-                ", ".join(name for name, (of, _) in self._words.items() if of is kind)
-                for kind in (Feature, Action)
-            )
-            fail(
-                word.place, f"unknown name {word}; the features are {features} and the actions are {actions}"
-            )
+            self._refuse(word)
         term, index = self._words[word.text]
         return term(index, place=word.place)
+
+    def _refuse(self, word: _Token) -> NoReturn:
+        features, actions = (
+            ", ".join(name for name, (of, _) in self._words.items() if of is kind)
+            for kind in (Feature, Action)
+        )
+        if word.text in self._entries:
+            fail(
+                word.place,
+                f"{word} is an entry of a Box action, whose leaves hold numbers: write `act(...)` with an "
+                f"argument for each of {', '.join(self._entries)}",
+            )
+        known = f"the features are {features}"
+        fail(
+            word.place,
+            f"unknown name {word}; {known}" + (f" and the actions are {actions}" if actions else ""),
+        )
 
     def _nested(self) -> Production:
         keyword = self._take("word")
         self._nesting += 1
         if self._nesting > _MAX_NESTING:
             fail(keyword.place, f"terms nest deeper than {_MAX_NESTING} levels; give the inner ones a rule")
-        term = self._if(keyword.place) if keyword.text == "if" else self._less_than(keyword.place)
+        forms: dict[str, Callable[[Place], Production]] = {
+            "if": self._if,
+            "lt": self._less_than,
+            "act": self._answer,
+        }
+        term = forms[keyword.text](keyword.place)
         self._nesting -= 1
         return term
+
+    def _answer(self, place: Place) -> Answer:
+        if not self._entries:
+            names = ", ".join(name for name, (of, _) in self._words.items() if of is Action)
+            fail(
+                place,
+                "`act(...)` gives numbers, but the actions here are discrete: a leaf is the name of one of "
+                f"them, {names}",
+            )
+        self._take_text("(")
+        values = [self._production()]
+        while self._next.text == ",":
+            self._take("mark")
+            values.append(self._production())
+        self._take_text(")")
+        if len(values) != len(self._entries):
+            fail(
+                place,
+                f"`act` takes an argument for each entry of the action, {', '.join(self._entries)}, so "
+                f"{len(self._entries)}; it has {len(values)}",
+            )
+        return Answer(tuple(values), place=place)
 
     def _if(self, place: Place) -> If:
         condition = self._production()
@@ -185,11 +253,11 @@ class _Reader:
 
     def _less_than(self, place: Place) -> LessThan:
         self._take_text("(")
-        feature = self._production()
+        linear = self._production()
         self._take_text(",")
         constant = self._production()
         self._take_text(")")
-        return LessThan(feature, constant, place=place)
+        return LessThan(linear, constant, place=place)
 
     def _range(self) -> Constants:
         place = self._take_text("[").place

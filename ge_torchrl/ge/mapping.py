@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
 from ge_torchrl.ge.codons import Codons
+from ge_torchrl.ge.mapping_of_terms import map_with_terms
 from ge_torchrl.ge.rule_tables import ACTION, CHOICE, CONSTANT, END, FEATURE, IF, RANGE, Program, RuleTables
 from ge_torchrl.trees.forest import Forest
 
@@ -20,7 +21,9 @@ def map_population(codons: Codons, tables: RuleTables, wraps: int = 0) -> Forest
     """Derive the tree of every genotype.
 
     A derivation goes depth first, left to right. Where there are `n` choices, it takes number `codon % n`; where
-    there is one, it reads no codon.
+    there is one, it reads no codon. A sum's terms keep the order in which they are derived. Where a leaf has several
+    values, their sums share terms, one for each feature or more where a sum names it again, in the order in which the
+    grammar's text names the features; weights of zero are left out there.
 
     Args:
         codons: [P, K] int32.
@@ -39,6 +42,8 @@ def map_population(codons: Codons, tables: RuleTables, wraps: int = 0) -> Forest
     genotypes = np.ascontiguousarray(codons, np.int32).view(np.uint32)
     n_individuals, genotype_length = genotypes.shape
     n_readable = genotype_length * (wraps + 1)
+    if tables.has_terms:
+        return map_with_terms(genotypes, tables, n_readable)
     largest_tree = tables.splits_at_start + n_readable * tables.splits_per_choice
     buffer = _room_for(n_individuals * _LIKELY_SPLITS + largest_tree, n_individuals)
     returns = np.empty(n_readable, np.int32)

@@ -3,6 +3,10 @@
 A production becomes a body, a sequence of symbols in the order of derivation. A symbol is a kind and an
 argument; a `CHOICE` stands for a rule, whose bodies one codon chooses from, as a call stands for a routine.
 Rules that take no codon are written out in place, so every `CHOICE` and every `RANGE` reads exactly one.
+
+A condition of one feature is `FEATURE` and its constant. Grammars that have sums or values say more: in front of every
+feature stands its weight, a constant or `ONE`, and in front of every sum in a leaf what is added to it, a constant and
+`VALUE`, or `ZERO`.
 """
 
 from __future__ import annotations
@@ -16,34 +20,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.ge.grammar import Grammar
-from ge_torchrl.ge.grammar_checks import fail
+from ge_torchrl.ge.grammar_checks import fail, kind_of
 from ge_torchrl.ge.productions import (
     Action,
+    Answer,
     Constants,
     Feature,
     If,
     Kind,
-    LessThan,
     Nonterminal,
+    Product,
     Production,
     Rule,
-    slots,
+    Shifted,
+    Sum,
+    terms,
 )
 
 IF: Final = 0
 """A decision node begins; a condition and two trees follow."""
 FEATURE: Final = 1
-"""The feature `argument` of a condition; its constant follows."""
+"""The feature `argument` of a condition or a sum."""
 CONSTANT: Final = 2
-"""The constant `constants[argument]`; it ends a condition."""
+"""The constant `constants[argument]`."""
 ACTION: Final = 3
 """A leaf that holds the action `argument`."""
 CHOICE: Final = 4
 """One of the bodies of the rule `argument`."""
 RANGE: Final = 5
-"""One of the constants of the range `argument`; it ends a condition."""
+"""One of the constants of the range `argument`."""
 END: Final = 6
 """The body is over."""
+ONE: Final = 7
+"""The weight of a feature that has none."""
+ANSWER: Final = 8
+"""A leaf that holds values begins."""
+ZERO: Final = 9
+"""What is added to a sum that has no constant."""
+VALUE: Final = 10
+"""The last constant is added to the entry's sum, or is its value."""
+NEXT: Final = 11
+"""An entry of a leaf's values is over."""
 
 MAX_SYMBOLS: Final = 10_000
 """The longest body; rules that have no choice could otherwise double each other without end."""
@@ -90,6 +107,10 @@ class RuleTables:
         ranges: [G] the ranges.
         splits_at_start: Number of splits in the start's body.
         splits_per_choice: The largest number of splits in any other body: what one more codon may add.
+        has_terms: Whether trees may have weighted sums, or values at their leaves.
+        longest_body: The largest number of symbols in a body.
+        feature_rank: [D] int32, the place of each feature in the sums of leaves of several entries; they share terms,
+            which therefore stand in one order: that in which the text names the features.
     """
 
     grammar: Grammar
@@ -99,6 +120,9 @@ class RuleTables:
     ranges: tuple[Constants, ...]
     splits_at_start: int
     splits_per_choice: int
+    has_terms: bool
+    longest_body: int
+    feature_rank: NDArray[np.int32]
 
 
 def compile_rules(grammar: Grammar) -> RuleTables:
@@ -129,6 +153,9 @@ def compile_rules(grammar: Grammar) -> RuleTables:
         ranges=tuple(writer.ranges),
         splits_at_start=start.count((IF, 0)),
         splits_per_choice=max((body.count((IF, 0)) for body in bodies), default=0),
+        has_terms=writer.has_terms,
+        longest_body=max(map(len, [start, *bodies])),
+        feature_rank=np.array(grammar.feature_rank, np.int32),
     )
 
 
@@ -158,6 +185,14 @@ def _program(bodies: list[list[_Symbol]], rules: list[Rule], writer: _Writer) ->
     )
 
 
+@dataclass(frozen=True)
+class _Part:
+    """A term that is to be written, and the kind that its place has."""
+
+    term: Production
+    expected: Kind
+
+
 class _Writer:
     """Writes bodies and numbers the rules, ranges and constants they refer to."""
 
@@ -166,6 +201,10 @@ class _Writer:
         self.rule_numbers = self._number_rules()
         self.ranges: dict[Constants, int] = {}
         self.constants: dict[Constants, int] = {}
+        productions = (production for rule in grammar.rules.values() for production in rule.productions)
+        self.has_terms = grammar.continuous or any(
+            isinstance(term, Product | Sum) for production in productions for term in terms(production)
+        )
 
     def _number_rules(self) -> Mapping[str, int]:
         ranks = list(Kind)
@@ -176,32 +215,56 @@ class _Writer:
 
     def body(self, rule: Rule, production: Production) -> list[_Symbol]:
         symbols: list[_Symbol] = []
-        pending = [production]
+        pending: list[_Symbol | _Part] = [_Part(production, self._grammar.kinds[rule.name])]
         while pending:
             if len(symbols) > MAX_SYMBOLS:
                 fail(
                     rule.place,
                     f"a production of <{rule.name}> has more than {MAX_SYMBOLS} parts without a choice",
                 )
-            term = pending.pop()
-            if isinstance(term, Nonterminal) and term.name not in self.rule_numbers:
-                pending.append(self._grammar.rules[term.name].productions[0])
-            elif not isinstance(term, LessThan):
-                symbols.append(self._symbol(term))
-            pending.extend(part for part, _ in reversed(slots(term)))
+            part = pending.pop()
+            if not isinstance(part, _Part):
+                symbols.append(part)
+            elif isinstance(part.term, Nonterminal) and part.term.name not in self.rule_numbers:
+                only, *_ = self._grammar.rules[part.term.name].productions
+                pending.append(_Part(only, part.expected))
+            else:
+                pending += reversed(self._written(part.term, part.expected))
         return [*symbols, (END, 0)]
 
-    def _symbol(self, term: If | Action | Feature | Constants | Nonterminal) -> _Symbol:
+    def _written(self, term: Production, expected: Kind) -> list[_Symbol | _Part]:
+        """Return a term's symbols and parts, and the symbols that make it one of the expected kind."""
+        kind = kind_of(term, self._grammar.kinds)
+        before, after = list[_Symbol](), list[_Symbol]()
+        if self.has_terms:
+            before += [(ZERO, 0)] * (expected is Kind.VALUE and kind in (Kind.FEATURE, Kind.SUM))
+            before += [(ONE, 0)] * (expected in (Kind.SUM, Kind.VALUE) and kind is Kind.FEATURE)
+            after += [(VALUE, 0)] * (expected is Kind.VALUE and kind is Kind.CONSTANT)
+        return [*before, *self._symbol(term), *self._parts(term), *after]
+
+    def _parts(self, term: Production) -> list[_Symbol | _Part]:
+        parts: list[_Symbol | _Part] = [(ANSWER, 0)] if isinstance(term, Answer) else []
+        for part, expected in term.slots:
+            parts.append(_Part(part, expected))
+            if isinstance(term, Answer):
+                parts.append((NEXT, 0))
+            elif isinstance(term, Shifted) and part is term.constant:
+                parts.append((VALUE, 0))
+        return parts
+
+    def _symbol(self, term: Production) -> list[_Symbol]:
+        symbol: list[_Symbol] = []
         match term:
             case If():
-                return IF, 0
+                symbol = [(IF, 0)]
             case Action():
-                return ACTION, term.index
+                symbol = [(ACTION, term.index)]
             case Feature():
-                return FEATURE, term.index
+                symbol = [(FEATURE, term.index)]
             case Nonterminal():
-                return CHOICE, self.rule_numbers[term.name]
+                symbol = [(CHOICE, self.rule_numbers[term.name])]
+            case Constants() if term.count > 1:
+                symbol = [(RANGE, self.ranges.setdefault(term, len(self.ranges)))]
             case Constants():
-                if term.count > 1:
-                    return RANGE, self.ranges.setdefault(term, len(self.ranges))
-                return CONSTANT, self.constants.setdefault(term, len(self.constants))
+                symbol = [(CONSTANT, self.constants.setdefault(term, len(self.constants)))]
+        return symbol

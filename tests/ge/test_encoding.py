@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grammars_for_tests import ACTIONS, FEATURES, ReferenceMapper, cartpole_like, genotypes, grammars
+from grammars_for_tests import ACTIONS, FEATURES, cartpole_like, genotypes, grammars
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from reference_mapper import ReferenceMapper
 from strategies import trees
 
 from ge_torchrl.errors import UnencodableTreeError
@@ -189,8 +190,14 @@ def test_refuses_a_genotype_that_is_too_short():
 
 def test_refuses_trees_that_a_grammar_cannot_say():
     weighted = DecisionTree.weighted_split([0, 1], [1.0, 2.0], 0.5, leaf(0), leaf(1))
-    for tree in (weighted, DecisionTree.value_leaf([0.5])):
-        with pytest.raises(UnencodableTreeError, match="one feature at a time and whose leaves are actions"):
+    for tree, reason in (
+        (weighted, r"split 0 tests the sum f0 \+ f1, which no condition"),
+        (
+            DecisionTree.value_leaf([0.5]),
+            "a leaf holds an action in a tree of the grammar, and 1 value in this",
+        ),
+    ):
+        with pytest.raises(UnencodableTreeError, match=reason):
             encode(tree, np.zeros(50, np.int32), TABLES)
         assert not can_derive(tree, TABLES)
 

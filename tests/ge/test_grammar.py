@@ -117,7 +117,7 @@ def test_collects_the_constants_offered_with_each_feature_through_rules():
             "<t> ::= if f0 then a0 else a1",
             "line 1, column 12: expected a condition here, but this is a feature",
         ),
-        ("<t> ::= if lt(a0, 1) then a0 else a1", "column 15: expected a feature here, but this is a tree"),
+        ("<t> ::= if lt(a0, 1) then a0 else a1", "column 15: expected a feature or a sum of features here"),
         ("<t> ::= if lt(f0, f1) then a0 else a1", "column 19: expected a constant here"),
         ("<t> ::= if lt(f0, 1) then 1 else a1", "column 27: expected a tree here, but this is a constant"),
         ("<c> ::= lt(f0, 1)", "line 1, column 1: the first rule must derive a tree, but <c> is a condition"),

@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grammars_for_tests import (
-    ACTIONS,
-    FEATURES,
-    OutOfCodonsError,
-    ReferenceMapper,
-    cartpole_like,
-    genotypes,
-    grammars,
-)
+from grammars_for_tests import ACTIONS, FEATURES, cartpole_like, genotypes, grammars
 from hypothesis import given
 from hypothesis import strategies as st
+from reference_mapper import OutOfCodonsError, ReferenceMapper
 
 from ge_torchrl.ge.codons import CODON_LIMIT
 from ge_torchrl.ge.grammar import read_grammar
@@ -128,4 +121,5 @@ def test_the_forest_owns_compact_arrays():
     for name, array in forest.arrays._asdict().items():
         assert array.base is None
         if not name.endswith("start"):
-            assert len(array) == (n_leaves if name == "action" else n_splits)
+            of_leaves = {"action": n_leaves, "value": n_leaves, "leaf_feature": 0, "leaf_weight": 0}
+            assert len(array) == of_leaves.get(name, n_splits)

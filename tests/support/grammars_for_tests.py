@@ -1,9 +1,8 @@
-"""Grammars and genotypes of tests: strategies, a grammar to read by eye, and the mapping as a textbook says it."""
+"""Grammars and genotypes of tests: strategies, and a grammar to read by eye."""
 
 from __future__ import annotations
 
 import re
-from fractions import Fraction
 
 import numpy as np
 from hypothesis import settings
@@ -11,8 +10,6 @@ from hypothesis import strategies as st
 
 from ge_torchrl.ge.codons import CODON_LIMIT, Codons
 from ge_torchrl.ge.grammar import Grammar, read_grammar
-from ge_torchrl.ge.productions import Action, Constants, Feature, If, LessThan, Nonterminal
-from ge_torchrl.trees.tree import DecisionTree
 
 # The first example that meets a kernel waits for its compilation: no example may have a deadline.
 settings.register_profile("compiled", deadline=None)
@@ -74,7 +71,7 @@ def grammars(draw: st.DrawFn) -> Grammar:
     for number in range(counts["t"]):
         others = [tree(number + 1, 0) for _ in range(draw(st.integers(0, 2)))]
         lines[f"t{number}"] = [tree(number + 1, number + 1), *others]
-    return read_grammar(_reachable_text(lines), FEATURES, ACTIONS)
+    return read_grammar(reachable_text(lines), FEATURES, ACTIONS)
 
 
 def genotypes(max_length: int = 12) -> st.SearchStrategy[Codons]:
@@ -83,7 +80,8 @@ def genotypes(max_length: int = 12) -> st.SearchStrategy[Codons]:
     return st.lists(codon, min_size=1, max_size=max_length).map(lambda codons: np.array(codons, np.int32))
 
 
-def _reachable_text(lines: dict[str, list[str]]) -> str:
+def reachable_text(lines: dict[str, list[str]]) -> str:
+    """Return the rules that the first tree's refer to, and no others."""
     reached, pending = ["t0"], ["t0"]
     while pending:
         for name in re.findall(r"<(\w+)>", " ".join(lines[pending.pop()])):
@@ -91,50 +89,3 @@ def _reachable_text(lines: dict[str, list[str]]) -> str:
                 reached.append(name)
                 pending.append(name)
     return "\n".join(f"<{name}> ::= {' | '.join(lines[name])}" for name in reached)
-
-
-class OutOfCodonsError(Exception):
-    """A derivation has not ended with the last codon."""
-
-
-class ReferenceMapper:
-    """The mapping as the textbook says it: a recursive walk over the grammar, one term at a time."""
-
-    def __init__(self, grammar, codons, wraps=0):
-        self.grammar = grammar
-        self.codons = [int(codon) for codon in codons] * (wraps + 1)
-        self.read = 0
-
-    def tree(self):
-        start = self.grammar.start
-        return self.derive(Nonterminal(start.name, place=start.place))
-
-    def choose(self, n_choices):
-        if n_choices == 1:
-            return 0
-        if self.read == len(self.codons):
-            raise OutOfCodonsError
-        self.read += 1
-        return self.codons[self.read - 1] % n_choices
-
-    def derive(self, term):
-        match term:
-            case Nonterminal(name=name):
-                productions = self.grammar.rules[name].productions
-                return self.derive(productions[self.choose(len(productions))])
-            case Action(index=action):
-                return DecisionTree.leaf(action)
-            case If():
-                feature, threshold = self.derive(term.condition)
-                left = self.derive(term.then)
-                return DecisionTree.split(feature, threshold, left, self.derive(term.otherwise))
-            case LessThan():
-                feature = self.derive(term.feature)
-                return feature, self.derive(term.constant)
-            case Feature(index=feature):
-                return feature
-            case Constants():
-                value = Fraction(term.low, term.scale) + self.choose(term.count) * Fraction(
-                    term.step, term.scale
-                )
-                return float(np.float32(float(value)))
