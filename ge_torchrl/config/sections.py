@@ -79,6 +79,19 @@ class GrammarConfig(Section):
         "The run's `config.yaml` holds what was made.",
         text="rules in Backus-Naur form",
     )
+    splits: str | None = setting(
+        None,
+        choices=("axis", "oblique"),
+        doc="What decision nodes compare with a constant: `axis`: one feature; `oblique`: a weighted sum of features "
+        "as well; null: what `grammar.bnf` says, else `axis`. Rules are made where `grammar.bnf` says otherwise.",
+    )
+    leaves: str | None = setting(
+        None,
+        choices=("action", "constant", "linear"),
+        doc="What leaves answer: `action`: one of discrete actions; `constant`: numbers, where actions are continuous; "
+        "`linear`: numbers plus a weighted sum of features; null: what `grammar.bnf` says, else `action` or `linear`. "
+        "Rules are made where `grammar.bnf` says otherwise.",
+    )
     name: str = setting("own", doc="What reports call it.", text="the name of the grammar")
 
 

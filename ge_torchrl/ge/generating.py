@@ -1,0 +1,310 @@
+"""Grammars for environments that bring none: readable text, made of what the features are in play."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ge_torchrl.errors import GrammarError
+from ge_torchrl.ge.grammar import Grammar, read_grammar
+
+Range = tuple[float, float]
+
+UNBOUNDED_ACTION: Final = 1.0
+"""An entry of an action that has no bound on a side ends this far from the other one, or from zero."""
+
+# Steps are 1, 2 or 5 times a power of ten. A range is cut into at least that many, and into at most 2.5 times as many.
+_LEAST_STEPS: Final = 400
+_LEAST_STEPS_OF_WEIGHTS: Final = 100
+# No step is finer than what float32 keeps of a range's ends, nor than what the notation can write.
+_FLOAT32: Final = 2.0**-23
+_FINEST_STEP: Final = Fraction(1, 10**12)
+_FARTHEST: Final = 1e12
+# A linear leaf may go from one bound of the action to the other within a tenth of what a feature moves.
+_STEEPNESS: Final = 10.0
+
+
+class Chosen(NamedTuple):
+    """The grammar of a run.
+
+    Attributes:
+        grammar: The grammar.
+        text: Its rules.
+        is_generated: Whether the text was made here, and is not the user's or the environment's own.
+    """
+
+    grammar: Grammar
+    text: str
+    is_generated: bool
+
+
+def choose_grammar(
+    bnf: str | None,
+    splits: str | None,
+    leaves: str | None,
+    features: Sequence[str],
+    actions: Sequence[str],
+    action_bounds: Sequence[Range],
+    ranges: Callable[[], Sequence[Range]],
+    binary: Callable[[], Collection[str]] = tuple,
+) -> Chosen:
+    """Return the grammar that settings ask for: the given one where it is of the kind asked for, else a generated one.
+
+    Args:
+        bnf: The given rules, or none.
+        splits: `axis` or `oblique`; None takes what the given rules have, else `axis`.
+        leaves: `action`, `constant` or `linear`; None takes what the given rules have, else `action` where actions are
+            discrete and `linear` where they are not.
+        features: [D] names of the features.
+        actions: [A] names of the actions, or of the entries of a Box action.
+        action_bounds: [A] the bounds of a Box action's entries; empty where actions are discrete.
+        ranges: Returns [D] what values each feature takes in play; only called where a grammar is generated.
+        binary: Returns the names of features that take only 0 and 1; likewise.
+
+    Raises:
+        GrammarError: The given rules break a rule of the notation, or there are no such leaves in the environment.
+    """
+    continuous = len(action_bounds) > 0
+    check_leaves(leaves, continuous=continuous)
+    if bnf is not None:
+        try:
+            given = read_grammar(bnf, features, actions, continuous=continuous)
+        except GrammarError as error:
+            raise GrammarError(f"grammar.bnf, {error}") from error
+        if splits in (None, given.splits) and leaves in (None, given.leaves):
+            return Chosen(given, bnf, is_generated=False)
+    leaves = leaves or ("linear" if continuous else "action")
+    text = grammar_text(features, actions, ranges(), splits or "axis", leaves, action_bounds, binary=binary())
+    return Chosen(read_grammar(text, features, actions, continuous=continuous), text, is_generated=True)
+
+
+def check_leaves(leaves: str | None, *, continuous: bool) -> None:
+    """Refuse leaves that an environment's actions cannot be.
+
+    Raises:
+        GrammarError: Actions are discrete and leaves are not, or the other way round.
+    """
+    if leaves is None or (leaves == "action") != continuous:
+        return
+    raise GrammarError(
+        f"grammar.leaves must be {'constant or linear' if continuous else 'action'}, since the actions of this "
+        f"environment are {'numbers' if continuous else 'discrete'}; got {leaves!r}; type grammar.leaves=null"
+    )
+
+
+def grammar_text(
+    features: Sequence[str],
+    actions: Sequence[str],
+    ranges: Sequence[Range],
+    splits: str,
+    leaves: str,
+    action_bounds: Sequence[Range] = (),
+    *,
+    binary: Collection[str] = (),
+) -> str:
+    """Return the rules of a grammar for an environment.
+
+    Steps are 1, 2 or 5 times a power of ten, some hundred to a range, and ranges begin and end at multiples of them. A
+    feature that does not vary is left out, since no test on it tells anything.
+
+    Args:
+        features: [D] names of the features.
+        actions: [A] names of the actions, or of the entries of a Box action.
+        ranges: [D] the lowest and the highest value that each feature takes in play.
+        splits: `axis` compares one feature with a constant, `oblique` a weighted sum of two or more as well.
+        leaves: `action` where actions are discrete; else `constant`, a number for each entry of the action, or
+            `linear`, numbers to which a weighted sum of features may be added.
+        action_bounds: [A] the bounds of a Box action's entries. Where one is infinite, `UNBOUNDED_ACTION` says what is
+            taken.
+        binary: Names of features that take only 0 and 1; they are compared with 0.5.
+
+    Raises:
+        GrammarError: A range is not finite or ends before it begins, or there are not as many as names.
+    """
+    _check(features, actions, ranges, action_bounds if leaves != "action" else [(0.0, 0.0)] * len(actions))
+    varying = [
+        found
+        for name, (low, high) in zip(features, ranges, strict=True)
+        if (found := _feature(name, low, high))
+    ]
+    rules: dict[str, list[str]] = {}
+    is_linear = leaves == "linear" and len(varying) > 0
+    if not varying:
+        rules["dt"] = ["<leaf>"]
+    elif is_linear:
+        # One linear law alone may be enough.
+        rules["dt"] = ["<leaf>", "if <condition> then <dt> else <dt>"]
+    else:
+        rules["dt"] = ["<if>"]
+        rules["if"] = ["if <condition> then <action> else <action>"]
+    if varying:
+        _add_conditions(rules, varying, splits, binary)
+        if not is_linear:
+            rules["action"] = ["<leaf>", "<if>"]
+    if leaves == "action":
+        rules["leaf"] = list(actions)
+    else:
+        _add_values(
+            rules, actions, [_bounded(*bounds) for bounds in action_bounds], varying if is_linear else []
+        )
+    return _written(rules)
+
+
+def _check(
+    features: Sequence[str], actions: Sequence[str], ranges: Sequence[Range], bounds: Sequence[Range]
+) -> None:
+    for what, names, pairs in (("feature", features, ranges), ("entry of the action", actions, bounds)):
+        if len(names) != len(pairs):
+            raise GrammarError(f"a grammar needs a range for each {what}, {len(names)}; got {len(pairs)}")
+        for name, (low, high) in zip(names, pairs, strict=True):
+            is_number = low <= high and (what != "feature" or (math.isfinite(low) and math.isfinite(high)))
+            if not is_number:
+                raise GrammarError(
+                    f"the range of {what} {name} must be two numbers, the lower one first, so that constants lie "
+                    f"in it; got {low}, {high}"
+                )
+
+
+@dataclass(frozen=True)
+class _Feature:
+    name: str
+    low: float
+    high: float
+    step: Fraction
+
+    @property
+    def spread(self) -> float:
+        """How far the feature moves to either side of its middle."""
+        return (self.high - self.low) / 2
+
+    @property
+    def farthest(self) -> float:
+        return max(abs(self.low), abs(self.high))
+
+
+def _feature(name: str, low: float, high: float) -> _Feature | None:
+    """Return a feature with its step; None where it does not vary by more than can be written."""
+    low, high = (min(max(end, -_FARTHEST), _FARTHEST) for end in (low, high))
+    step = _nice((high - low) / _LEAST_STEPS, at_least=max(abs(low), abs(high)) * _FLOAT32)
+    # Such a step can be wider than a narrow range that is far from zero.
+    return _Feature(name, low, high, step) if step >= _FINEST_STEP and high - low > step else None
+
+
+def _nice(number: float, at_least: float = 0.0) -> Fraction:
+    """Return the largest of 1, 2 or 5 times a power of ten that is not above a number; 0 for none.
+
+    Args:
+        number: The number.
+        at_least: Instead of smaller ones, the smallest that is not below this is taken.
+    """
+    if number <= 0:
+        return Fraction(0)
+    exponent = math.floor(math.log10(max(number, at_least)))
+    nice = [
+        digit * Fraction(10) ** power for power in range(exponent - 1, exponent + 2) for digit in (1, 2, 5)
+    ]
+    if number >= at_least:
+        return max(step for step in nice if step <= Fraction(number))
+    return min(step for step in nice if step >= Fraction(at_least))
+
+
+def _add_conditions(
+    rules: dict[str, list[str]], varying: list[_Feature], splits: str, binary: Collection[str]
+) -> None:
+    tests = [
+        f"lt({of.name}, {'0.5' if of.name in binary else _range(of.low, of.high, of.step)})" for of in varying
+    ]
+    if splits == "axis" or len(varying) < 2:
+        rules["condition"] = tests
+        return
+    rules["condition"] = ["<single>", "<oblique>"]
+    rules["single"] = tests
+    # The sum's unit: most weights are near 1 then, and so is what a term adds to the sum.
+    unit = 10.0 ** round(float(np.median([math.log10(of.spread) for of in varying])))
+    weights = [_nice(unit / of.spread * 1.000001) for of in varying]
+    reach = 2 * max(float(weight) * of.farthest for weight, of in zip(weights, varying, strict=True))
+    step = _nice(min(reach, 4 * unit) / _LEAST_STEPS, at_least=reach * _FLOAT32)
+    rules["oblique"] = [f"lt(<sum>, {_range(-reach, reach, step)})"]
+    rules["sum"] = ["<term> + <term>", "<term> + <sum>"]
+    rules["term"] = [f"{_weights(weight)} * {of.name}" for weight, of in zip(weights, varying, strict=True)]
+
+
+def _weights(weight: Fraction) -> str:
+    step = _decimal(weight / _LEAST_STEPS_OF_WEIGHTS)
+    return f"[{_decimal(-weight)}, {_decimal(weight)}] step {step}"
+
+
+def _bounded(low: float, high: float) -> Range:
+    if math.isinf(low):
+        low = -UNBOUNDED_ACTION if math.isinf(high) else high - 2 * UNBOUNDED_ACTION
+    return (low, low + 2 * UNBOUNDED_ACTION) if math.isinf(high) else (low, high)
+
+
+def _add_values(
+    rules: dict[str, list[str]], entries: Sequence[str], bounds: Sequence[Range], varying: list[_Feature]
+) -> None:
+    arguments = []
+    for number, (entry, (low, high)) in enumerate(zip(entries, bounds, strict=True)):
+        # A hyphen keeps these rules apart from all others.
+        name = entry if re.fullmatch(r"\w+", entry, re.ASCII) else f"entry{number}"
+        constants = _inner_range(low, high)
+        if not varying or high <= low:
+            arguments.append(constants)
+            continue
+        arguments.append(f"<{name}-value>")
+        middle, reach = (low + high) / 2, _STEEPNESS * (high - low) / 2
+        step = _nice(2 * reach / _LEAST_STEPS, at_least=abs(middle) * _FLOAT32)
+        shift = _range(middle - reach, middle + reach, step)
+        rules[f"{name}-value"] = [constants, f"{shift} + <{name}-sum>"]
+        rules[f"{name}-sum"] = [f"<{name}-term>", f"<{name}-term> + <{name}-sum>"]
+        rules[f"{name}-term"] = [f"{_weights(_nice(reach / of.spread))} * {of.name}" for of in varying]
+    rules["leaf"] = [f"act({', '.join(arguments)})"]
+
+
+def _inner_range(low: float, high: float) -> str:
+    """Return the constants between the bounds of an action, or its middle where there is no room for any."""
+    step = _nice((high - low) / _LEAST_STEPS, at_least=max(abs(low), abs(high)) * _FLOAT32)
+    if step < _FINEST_STEP or high - low <= step:
+        return _decimal(Fraction(round(_exact((low + high) / 2) / _FINEST_STEP)) * _FINEST_STEP)
+    first, last = math.ceil(_exact(low) / step), math.floor(_exact(high) / step)
+    return f"[{_decimal(first * step)}, {_decimal(last * step)}] step {_decimal(step)}"
+
+
+def _range(low: float, high: float, step: Fraction) -> str:
+    """Return constants from a multiple of ten steps at or below `low` to one at or above `high`."""
+    tens = 10 * step
+    first, last = math.floor(_exact(low) / tens), math.ceil(_exact(high) / tens)
+    return f"[{_decimal(first * tens)}, {_decimal(last * tens)}] step {_decimal(step)}"
+
+
+def _exact(number: float) -> Fraction:
+    """Return the decimal that a float32 stands for: 0.1 is a tenth."""
+    return Fraction(f"{number:.7g}")
+
+
+def _decimal(number: Fraction) -> str:
+    """Return a number that is a multiple of a power of ten, all its digits."""
+    decimals = 0
+    while (number * 10**decimals).denominator > 1:
+        decimals += 1
+    digits = f"{abs(int(number * 10**decimals)):0{decimals + 1}d}"
+    whole, rest = digits[: len(digits) - decimals], digits[len(digits) - decimals :]
+    return ("-" if number < 0 else "") + whole + (f".{rest}" if rest else "")
+
+
+def _written(rules: dict[str, list[str]]) -> str:
+    """Return the text of rules, the names in one column and, where they are long, a production a line."""
+    width = max(map(len, rules)) + 2
+    lines = []
+    for name, productions in rules.items():
+        head = f"{f'<{name}>':{width}} ::= "
+        is_short = sum(map(len, productions)) + 3 * len(productions) <= 80
+        joint = " | " if is_short else "\n" + " " * (width + 3) + "| "
+        lines.append(head + joint.join(productions))
+    return "\n".join(lines) + "\n"
