@@ -82,7 +82,7 @@ class _Search:
         self._first_step = effort.step * config.first_step
         self._moves = config.moves
         self._max_timesteps = effort.factor * effort.patience * config.max_timesteps
-        self._seeds = episode_seeds("training", effort.factor * config.episodes, rng)
+        self._seeds = episode_seeds("training", max(1, round(effort.factor * config.episodes)), rng)
         self._screening_seeds = self._seeds[: len(self._seeds) // _SCREENED_ON]
         self._timesteps = self._rounds = 0
         self._tree = tree

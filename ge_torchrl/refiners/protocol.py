@@ -14,7 +14,7 @@ from ge_torchrl.trees.tree import DecisionTree
 
 @dataclass(frozen=True)
 class Effort:
-    """How much more than in a first refinement is spent on a tree.
+    """How much more, or less, than in a first refinement is spent on a tree.
 
     Attributes:
         factor: How many times the method's episodes, and its environment steps.
@@ -23,8 +23,8 @@ class Effort:
             searched nearer by.
     """
 
-    factor: int = 1
-    patience: int = 1
+    factor: float = 1
+    patience: float = 1
     step: float = 1.0
 
 

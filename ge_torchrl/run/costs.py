@@ -145,7 +145,7 @@ class Rationed:
         self._training, self._loading = Cost(seconds, self._training.steps), 0.0
         return [*refined, *left_out]
 
-    def _begun(self, n: int, times: int) -> int:
+    def _begun(self, n: int, times: float) -> int:
         limit, cost = self._backend.limit, self._training.times(times) + self._measuring
         if limit is None:
             return n

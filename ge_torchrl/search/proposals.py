@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from ge_torchrl.search.archive import Archive
 from ge_torchrl.search.fitness import Fitness, measure, training_seeds
 from ge_torchrl.search.population import Population
 from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.shortlist import best_after_a_short_polish
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.edits import Neighbourhood, forest_of
 from ge_torchrl.trees.forest import Forest
@@ -30,6 +32,8 @@ INDIVIDUAL, NEIGHBOUR, KEPT = "individual", "neighbour", "archive"
 """The origins of a proposal."""
 NEIGHBOURS = "neighbours"
 """The purpose that steps of measuring neighbours are counted under."""
+# How often a tree for the short list is a crossing of two kept trees, not a neighbour of one; tried on Acrobot.
+_CROSSED_PROBABILITY = 0.3
 # How often the thesis' draw takes the best tree (its section 3.3), not a random one.
 _BEST_PROBABILITY = 0.5
 
@@ -224,6 +228,8 @@ def propose_neighbours(
 ) -> list[Proposal]:
     """Draw neighbours of kept trees and choose the fittest of each size, each of a structure not refined yet.
 
+    With a short list these are polished for a short while, and the best of them are chosen.
+
     Args:
         problem: What is searched.
         archive: The kept trees.
@@ -252,15 +258,18 @@ def propose_neighbours(
     seeds = training_seeds(config, generation)
     fitness = measure(problem.backend, drawn, seeds, NEIGHBOURS, config.evaluation.std_penalty)
     best = np.array(list(fittest_of_each_structure(drawn, fitness, np.arange(len(drawn))).values()))
-    proposals: list[Proposal] = []
-    for i in best[in_turns(fitness[best], drawn.num_decision_nodes[best])]:
-        tree = drawn.tree(int(i))
-        # A grammar can say more than which features there are.
-        if can_derive(tree, problem.tables):
-            proposals.append(Proposal(tree, NEIGHBOUR, float(fitness[i])))
-        if len(proposals) == settings.neighbours:
-            break
-    return proposals
+    # A grammar can say more than which features there are.
+    derivable = (
+        (tree, float(fitness[i]))
+        for i in map(int, best[in_turns(fitness[best], drawn.num_decision_nodes[best])])
+        if can_derive(tree := drawn.tree(i), problem.tables)
+    )
+    if problem.polisher is None or settings.short_list == 0:
+        chosen = list(islice(derivable, settings.neighbours))
+    else:
+        trees = [tree for tree, _ in islice(derivable, settings.short_list)]
+        chosen = best_after_a_short_polish(problem, archive, trees, settings.neighbours, generation)
+    return [Proposal(tree, NEIGHBOUR, value) for tree, value in chosen]
 
 
 def propose_kept(problem: Problem, archive: Archive, generation: int) -> list[Proposal]:
@@ -284,11 +293,19 @@ def _draw(
     members, spec = archive.members, problem.backend.spec
     fitness = np.array([member.archive_fitness for member in members])
     hoods: dict[int, Neighbourhood] = {}
-    drawn = []
-    for _ in range(problem.config.archive.neighbours_drawn):
+
+    def parent() -> Neighbourhood:
         entrants = rng.integers(len(members), size=int(rng.integers(1, 3)))
-        parent = int(entrants[np.argmax(fitness[entrants])])
-        if parent not in hoods:
-            hoods[parent] = Neighbourhood(members[parent].tree, members[parent].observed)
-        drawn.append(hoods[parent].draw(features, spec.n_actions, rng))
+        chosen = int(entrants[np.argmax(fitness[entrants])])
+        if chosen not in hoods:
+            hoods[chosen] = Neighbourhood(members[chosen].tree, members[chosen].observed)
+        return hoods[chosen]
+
+    settings, drawn = problem.config.archive, []
+    for _ in range(settings.neighbours_drawn):
+        first = parent()
+        if settings.short_list > 0 and rng.random() < _CROSSED_PROBABILITY:
+            drawn.append(first.crossed_with(parent(), rng))
+        else:
+            drawn.append(first.draw(features, spec.n_actions, rng))
     return simplify(forest_of(drawn), *problem.backend.bounds)

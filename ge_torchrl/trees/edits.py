@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ge_torchrl.errors import InvalidTreeError
 from ge_torchrl.trees.arrays import FloatArray
 from ge_torchrl.trees.edit_kinds import EDITS, Edit
-from ge_torchrl.trees.nodes import Nodes, Split, Values, forest_of, nodes_of
+from ge_torchrl.trees.nodes import Nodes, Split, Values, end_of, forest_of, nodes_of
 from ge_torchrl.trees.rows import starts
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -93,6 +93,20 @@ class Neighbourhood:
             edit = Edit(nodes, self._observed, leaf_start, features, n_actions, rng, self._bounds)
             nodes = EDITS[kind](edit)
         return nodes
+
+    def crossed_with(self, other: Neighbourhood, rng: np.random.Generator) -> Nodes:
+        """Return the tree with one of its subtrees replaced by a subtree of another tree, both at random.
+
+        Args:
+            other: The other tree; it may be this one.
+            rng: Source of randomness.
+
+        Source:
+            J. Koza, "Genetic Programming" (1992), subtree crossover.
+        """
+        at, of_other = (int(rng.random() * len(nodes)) for nodes in (self._nodes, other._nodes))
+        subtree = other._nodes[of_other : end_of(other._nodes, of_other)]
+        return [*self._nodes[:at], *subtree, *self._nodes[end_of(self._nodes, at) :]]
 
 
 def _kind(kinds: dict[str, float], rng: np.random.Generator) -> str:

@@ -65,10 +65,12 @@ class PPORefiner:
         ddt = self._softened(trees, generators)
         actor = make_actor(ddt)
         networks = ValueNetworks(spec.n_features, config.critic_hidden, generators)
-        snapshots = Snapshots(self._backend, ddt, effort.factor * config.snapshot_episodes, self._purpose)
+        snapshots = Snapshots(
+            self._backend, ddt, round(effort.factor * config.snapshot_episodes), self._purpose
+        )
         source = open_source(self._backend, ddt, actor, rngs, self._purpose)
         try:
-            max_timesteps = effort.factor * effort.patience * config.max_timesteps
+            max_timesteps = round(effort.factor * effort.patience * config.max_timesteps)
             # Gradient steps of large batches take seconds: the backend says meanwhile that the run goes on.
             check = self._backend.ledger.check
             records = train(ddt, actor, networks, source, config, max_timesteps, snapshots.look, check)
