@@ -50,7 +50,6 @@ class ArchiveConfig(Section):
         0,
         at_least=0,
         because="it counts trees; 0 makes no short list",
-        dear=0,
         doc="Neighbours, and crossings of two kept trees, that get a short polish first; those that come nearest to "
         "the kept trees of their size are proposed. 0: neighbours are proposed as they are drawn.",
     )

@@ -9,31 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.ge.encoding import can_derive
 from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.refiners.protocol import FIRST, Effort
 from ge_torchrl.search.archive import Archive
-from ge_torchrl.search.fitness import Fitness, measure, training_seeds
+from ge_torchrl.search.fitness import Fitness
 from ge_torchrl.search.population import Population
 from ge_torchrl.search.problem import Problem
-from ge_torchrl.search.shortlist import best_after_a_short_polish
 from ge_torchrl.seeding import stream
-from ge_torchrl.trees.edits import Neighbourhood, forest_of
 from ge_torchrl.trees.forest import Forest
-from ge_torchrl.trees.simplify import simplify
 from ge_torchrl.trees.tree import DecisionTree
 
 INDIVIDUAL, NEIGHBOUR, KEPT = "individual", "neighbour", "archive"
 """The origins of a proposal."""
-NEIGHBOURS = "neighbours"
-"""The purpose that steps of measuring neighbours are counted under."""
-# How often a tree for the short list is a crossing of two kept trees, not a neighbour of one; tried on Acrobot.
-_CROSSED_PROBABILITY = 0.3
 # How often the thesis' draw takes the best tree (its section 3.3), not a random one.
 _BEST_PROBABILITY = 0.5
 
@@ -223,55 +214,6 @@ def in_turns(fitness: NDArray[np.float64], sizes: NDArray[np.int64]) -> NDArray[
     return np.lexsort((-fitness, turn))
 
 
-def propose_neighbours(
-    problem: Problem, archive: Archive, times_refined: Mapping[bytes, int], generation: int
-) -> list[Proposal]:
-    """Draw neighbours of kept trees and choose the fittest of each size, each of a structure not refined yet.
-
-    With a short list these are polished for a short while, and the best of them are chosen.
-
-    Args:
-        problem: What is searched.
-        archive: The kept trees.
-        times_refined: How often each structure was refined before.
-        generation: Number of the generation, whose training episodes judge neighbours.
-    """
-    settings, config = problem.config.archive, problem.config
-    features = np.flatnonzero([len(of) > 0 for of in problem.tables.grammar.constants])
-    # A grammar of leaves alone tests no feature, so its trees have no neighbours.
-    if settings.neighbours == 0 or not archive.members or len(features) == 0:
-        return []
-    rng = stream(config.seed, f"neighbours, generation {generation}")
-    drawn = _draw(problem, archive, features, rng)
-    sizes = drawn.num_decision_nodes
-    untried = np.array(
-        [
-            i
-            for i in np.flatnonzero((sizes > 0) & (sizes <= settings.max_nodes))
-            if drawn.structure(int(i)) not in times_refined
-        ],
-        np.int64,
-    )
-    if len(untried) == 0:
-        return []
-    drawn = drawn.take(untried)
-    seeds = training_seeds(config, generation)
-    fitness = measure(problem.backend, drawn, seeds, NEIGHBOURS, config.evaluation.std_penalty)
-    best = np.array(list(fittest_of_each_structure(drawn, fitness, np.arange(len(drawn))).values()))
-    # A grammar can say more than which features there are.
-    derivable = (
-        (tree, float(fitness[i]))
-        for i in map(int, best[in_turns(fitness[best], drawn.num_decision_nodes[best])])
-        if can_derive(tree := drawn.tree(i), problem.tables)
-    )
-    if problem.polisher is None or settings.short_list == 0:
-        chosen = list(islice(derivable, settings.neighbours))
-    else:
-        trees = [tree for tree, _ in islice(derivable, settings.short_list)]
-        chosen = best_after_a_short_polish(problem, archive, trees, settings.neighbours, generation)
-    return [Proposal(tree, NEIGHBOUR, value) for tree, value in chosen]
-
-
 def propose_kept(problem: Problem, archive: Archive, generation: int) -> list[Proposal]:
     """Choose a kept tree, at random, to refine again with more effort; none where that is not asked for."""
     settings = problem.config.archive
@@ -284,28 +226,3 @@ def propose_kept(problem: Problem, archive: Archive, generation: int) -> list[Pr
         Proposal(members[i].tree, KEPT, members[i].archive_fitness, effort=effort, chosen="random")
         for i in map(int, rng.permutation(len(members))[:1])
     ]
-
-
-def _draw(
-    problem: Problem, archive: Archive, features: NDArray[np.int64], rng: np.random.Generator
-) -> Forest:
-    """Draw neighbours of kept trees that small tournaments, every second one of one, choose."""
-    members, spec = archive.members, problem.backend.spec
-    fitness = np.array([member.archive_fitness for member in members])
-    hoods: dict[int, Neighbourhood] = {}
-
-    def parent() -> Neighbourhood:
-        entrants = rng.integers(len(members), size=int(rng.integers(1, 3)))
-        chosen = int(entrants[np.argmax(fitness[entrants])])
-        if chosen not in hoods:
-            hoods[chosen] = Neighbourhood(members[chosen].tree, members[chosen].observed)
-        return hoods[chosen]
-
-    settings, drawn = problem.config.archive, []
-    for _ in range(settings.neighbours_drawn):
-        first = parent()
-        if settings.short_list > 0 and rng.random() < _CROSSED_PROBABILITY:
-            drawn.append(first.crossed_with(parent(), rng))
-        else:
-            drawn.append(first.draw(features, spec.n_actions, rng))
-    return simplify(forest_of(drawn), *problem.backend.bounds)

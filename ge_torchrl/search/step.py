@@ -18,6 +18,7 @@ from ge_torchrl.errors import UnencodableTreeError
 from ge_torchrl.ge.codons import Codons
 from ge_torchrl.ge.encoding import encode
 from ge_torchrl.search.archive import POLISH, POPULATION, REFINEMENT, Archive, Contender, leaders, offer
+from ge_torchrl.search.neighbours import propose_neighbours
 from ge_torchrl.search.population import Evolved, Population, first_population, newcomers, next_population
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.proposals import (
@@ -25,7 +26,6 @@ from ge_torchrl.search.proposals import (
     Proposal,
     propose_individuals,
     propose_kept,
-    propose_neighbours,
 )
 from ge_torchrl.search.refinement import IMPROVED, Refinement, Refinements, refine_proposals
 from ge_torchrl.search.restarts import begins_anew, goes_on_together, together

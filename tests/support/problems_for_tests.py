@@ -198,7 +198,7 @@ class Nudge:
         return [self._refined(tree, rng, effort) for tree, rng in zip(trees, rngs, strict=True)]
 
     def _refined(self, tree, rng, effort):
-        tries = 4 * effort.factor
+        tries = max(1, round(4 * effort.factor))
         moves = 0.05 * effort.step * rng.uniform(-1, 1, size=(tries, len(tree.parameters)))
         forest = Forest.of_parameters(tree, np.float32([tree.parameters, *(tree.parameters + moves)]))
         outcomes = self._backend.evaluate(forest, episode_seeds("training", 2, rng), self._purpose)

@@ -200,3 +200,18 @@ def test_a_tree_without_states_or_with_other_bounds_has_no_neighbours():
         Neighbourhood(leaf(0), OBSERVED[:0])
     with pytest.raises(InvalidTreeError, match="there are 1 bounds for 2 values"):
         Neighbourhood(DecisionTree.value_leaf([1.0, 2.0]), OBSERVED, action_bounds=[(0.0, 1.0)])
+
+
+@given(trees_of_one_kind().flatmap(lambda kind: st.tuples(kind, kind)), st.integers(0, 2**32))
+def test_a_crossing_is_a_tree_with_a_subtree_of_the_other(trees, seed):
+    observed = np.zeros((1, 4), np.float32)
+    one, other = (Neighbourhood(tree, observed) for tree in trees)
+    nodes = one.crossed_with(other, np.random.default_rng(seed))
+    crossed = assembled(nodes)
+    assert crossed == DecisionTree(*crossed.arrays)
+    of_one, of_other = one._nodes, other._nodes
+    assert any(
+        nodes == [*of_one[:at], *of_other[of : end_of(of_other, of)], *of_one[end_of(of_one, at) :]]
+        for at in range(len(of_one))
+        for of in range(len(of_other))
+    )
