@@ -143,7 +143,7 @@ class ArchiveRecord:
         validation_mean: Mean return on the validation episodes, which chose it among the trees of its size.
         test_mean: Mean return on the run's test episodes, which chose nothing.
         test_std: Standard deviation of these returns.
-        origin: "population", "refinement" or "polish": where the tree was last changed.
+        origin: "population", "refinement", "polish" or "start": where the tree was last changed.
     """
 
     decision_nodes: int
@@ -182,7 +182,7 @@ class Summary:
         refinements_improved: Those that became better on the same unseen episodes.
         refined: All trees that the refiner refined, proposals of the archive included.
         polished: Trees that local search polished.
-        champion_from: "population", "refinement" or "polish": where the champion was last changed.
+        champion_from: "population", "refinement", "polish" or "start": where the champion was last changed.
         evolve_seconds: Clock time of the search, refinement and polish included.
         refine_seconds: Clock time of the refinements.
         polish_seconds: Clock time of the polish.

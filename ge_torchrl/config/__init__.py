@@ -5,6 +5,7 @@ from ge_torchrl.config.keys import check_choice, check_group, without_gone
 from ge_torchrl.config.record import MAPPINGS, Config, check_key, template
 from ge_torchrl.config.refinement import PolishConfig, PPOConfig, RefinerConfig, ScheduleConfig
 from ge_torchrl.config.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
+from ge_torchrl.config.starts import StartsConfig
 
 __all__ = [
     "MAPPINGS",
@@ -18,6 +19,7 @@ __all__ = [
     "PolishConfig",
     "RefinerConfig",
     "ScheduleConfig",
+    "StartsConfig",
     "check_choice",
     "check_group",
     "check_key",

@@ -1,5 +1,6 @@
 """Everything that a run depends on as one frozen record, and its way from nested plain values and back."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar
@@ -10,6 +11,7 @@ from ge_torchrl.config.archive import ArchiveConfig
 from ge_torchrl.config.refinement import PolishConfig, RefinerConfig
 from ge_torchrl.config.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
 from ge_torchrl.config.setting import Section, default_of, follows_speed, holds_mapping, nested, setting
+from ge_torchrl.config.starts import StartsConfig
 from ge_torchrl.errors import ConfigError
 
 # From so many environment steps a second on, steps are nearly free: kernels make a hundred times as many, and anything
@@ -17,6 +19,9 @@ from ge_torchrl.errors import ConfigError
 _NEARLY_FREE = 1e6
 # What a run may take where steps are dear and nobody set a limit [s].
 _DEAR_SECONDS = 180
+# All races of dense starts together may take this part of what a run may take, and one of them so many steps where
+# steps are nearly free.
+_RACES_SHARE, _RACE_STEPS = 0.6, 3_000_000
 # A return and a length of an episode take so many bytes, and the episodes of one measurement may take so many.
 _EPISODE_BYTES, _MOST_BYTES = 16, 8 << 30
 # How many trees go on from the archive, in one way or another.
@@ -36,6 +41,7 @@ class Config(Section):
     refiner: RefinerConfig = field(default_factory=RefinerConfig)
     polish: PolishConfig = field(default_factory=PolishConfig)
     archive: ArchiveConfig = field(default_factory=ArchiveConfig)
+    starts: StartsConfig = field(default_factory=StartsConfig)
     seed: int = setting(
         0,
         at_least=0,
@@ -100,8 +106,18 @@ class Config(Section):
             values["archive"] |= dict.fromkeys(_PROPOSALS, 0)
         if not free and self.ge.max_env_steps is None and self.ge.max_seconds is None:
             values["ge"]["max_env_steps"] = max(1, int(float(f"{_DEAR_SECONDS * steps_per_second:.2g}")))
+        if self.starts.max_timesteps is None:
+            values["starts"]["max_timesteps"] = self._race_steps(values["ge"], steps_per_second, free=free)
         values["evaluation"]["steps_per_second"] = float(f"{steps_per_second:.2g}")
         return Config.from_mapping(values)
+
+    def _race_steps(self, ge: Mapping[str, Any], steps_per_second: float, *, free: bool) -> int:
+        """Return the environment steps of a race of dense starts."""
+        if free or self.starts.races == 0:
+            return _RACE_STEPS
+        seconds = ge["max_seconds"] or _DEAR_SECONDS
+        steps = min(ge["max_env_steps"] or math.inf, seconds * steps_per_second)
+        return max(1, int(float(f"{_RACES_SHARE / self.starts.races * steps:.2g}")))
 
 
 def _at_most(section: Section, name: str) -> int:

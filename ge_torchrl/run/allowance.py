@@ -42,13 +42,14 @@ class Allowance:
     ends: Mapping[Phase, float]
 
     @classmethod
-    def of(cls, config: Config, started: float, max_episode_steps: int) -> Allowance:
+    def of(cls, config: Config, started: float, max_episode_steps: int, *, rounds: bool = False) -> Allowance:
         """Return the allowance of a run: each phase after the search gets what it needs, and the search the rest.
 
         Args:
             config: The configuration, its budgets resolved.
             started: When the run began.
             max_episode_steps: The longest episode.
+            rounds: Whether trees are rounded after the search.
         """
         ge, evaluation, archive = config.ge, config.evaluation, config.archive
         max_env_steps, speed = ge.max_env_steps or None, evaluation.steps_per_second or math.inf
@@ -65,7 +66,7 @@ class Allowance:
         n_sizes = archive.max_nodes + 1 if archive.enabled else 0
         test = share(n_sizes + 2, evaluation.test_episodes)
         validation = share(n_sizes * archive.keep + 2, evaluation.validation_episodes)
-        final = _LARGEST_SHARE if archive.final_keep > 0 else 0.0
+        final = _LARGEST_SHARE if archive.final_keep > 0 or rounds else 0.0
         ends = {
             Phase.SEARCH: 1 - test - validation - final,
             Phase.FINAL_REFINEMENT: 1 - test - validation,

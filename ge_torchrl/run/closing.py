@@ -17,6 +17,7 @@ _CHAMPION_FROM = {
     "population": "the champion is from the population",
     "refinement": "the champion is a refined tree",
     "polish": "the champion is a polished tree",
+    "start": "the champion grew from a dense start",
 }
 
 

@@ -50,7 +50,9 @@ from ge_torchrl.search.conclusion import (
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.refinement import IMPROVED
 from ge_torchrl.search.restarts import together
+from ge_torchrl.search.rounding import round_kept
 from ge_torchrl.search.state import Events, SearchState
+from ge_torchrl.search.symmetry import check_mirror
 from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.tree import DecisionTree
@@ -105,9 +107,11 @@ class _Run:
         self.console, self.started = console, started
         self.folder = RunFolder.create(output_dir, self.config)
         self.backend = backend
-        self.allowance = Allowance.of(self.config, started, backend.spec.max_episode_steps)
         refiner, polisher = _refiners(self.config, backend)
-        self.problem = Problem(self.config, planned.tables, backend, refiner, polisher)
+        self.problem = Problem(self.config, planned.tables, backend, refiner, polisher, planned.mirror)
+        self.allowance = Allowance.of(
+            self.config, started, backend.spec.max_episode_steps, rounds=self.problem.rounds
+        )
         self.search = Search(self.problem, self._watch)
         self.warnings: list[str] = []
         self.refine_seconds = self.polish_seconds = 0.0
@@ -162,6 +166,7 @@ class _Run:
     def _search_and_choose(self) -> tuple[str, float, Verdict]:
         self.backend.limit = self.allowance.until(Phase.SEARCH)
         try:
+            check_mirror(self.problem)
             stopped_by = self.search.run()
         except LimitReachedError as limit:
             raise UserError(
@@ -183,6 +188,13 @@ class _Run:
             self.backend.limit = self.allowance.until(Phase.FINAL_REFINEMENT)
             try:
                 self.search.state = state = refine_once_more(self.problem, state)
+            except KeyboardInterrupt:
+                self.progress.say(_TESTING)
+        if stopped_by != "interrupt" and self.problem.rounds:
+            self.progress.say("Rounding the best trees to few terms and few digits ...")
+            self.backend.limit = self.allowance.until(Phase.FINAL_REFINEMENT)
+            try:
+                self.search.state = state = round_kept(self.problem, state)
             except KeyboardInterrupt:
                 self.progress.say(_TESTING)
         evolve_seconds = time.perf_counter() - self.started

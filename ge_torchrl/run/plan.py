@@ -13,6 +13,7 @@ from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
 from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
+from ge_torchrl.refiners.mirror import Mirror
 
 _GENERATED = "generated"
 
@@ -26,12 +27,14 @@ class Plan:
         spec: The environment.
         tables: The compiled grammar.
         notes: What the user should know of the environment, a line each.
+        mirror: Of the environment; None where none is declared.
     """
 
     config: Config
     spec: EnvironmentSpec
     tables: RuleTables
     notes: tuple[str, ...] = ()
+    mirror: Mirror | None = None
 
 
 def plan(config: Config) -> Plan:
@@ -43,6 +46,7 @@ def plan(config: Config) -> Plan:
     Raises:
         EnvironmentFaultError: The environment is unknown or unsuitable, or has no such route.
         GrammarError: The grammar text breaks a rule.
+        ConfigError: A mirror is declared that there cannot be.
     """
     spec = describe_settings(config.env)
     if config.env.route == "kernel":
@@ -62,7 +66,9 @@ def plan(config: Config) -> Plan:
         )
     except GrammarError as error:
         raise GrammarError(f"grammar.bnf, {error}") from error
-    return Plan(config, spec, tables, tuple(notes))
+    symmetry = config.env.symmetry
+    mirror = Mirror.declared(symmetry, spec.names) if symmetry else None
+    return Plan(config, spec, tables, tuple(notes), mirror)
 
 
 def generated_grammar(spec: EnvironmentSpec) -> str:

@@ -26,7 +26,7 @@ from ge_torchrl.trees.tree import DecisionTree, FloatArray
 
 ARCHIVE = "archive"
 """The purpose that steps of measuring and observing for the archive are counted under."""
-POPULATION, REFINEMENT, POLISH = "population", "refinement", "polish"
+POPULATION, REFINEMENT, POLISH, START = "population", "refinement", "polish", "start"
 """Where a tree comes from."""
 
 # A tree so many times larger than the largest kept one may still be pruned to a kept size.
@@ -43,7 +43,8 @@ class Contender:
     Attributes:
         tree: The tree.
         fitness: Its fitness on training episodes.
-        origin: POPULATION, REFINEMENT for what the refiner made, or POLISH for what only the polish changed.
+        origin: POPULATION, REFINEMENT for what the refiner made, POLISH for what only the polish changed, or START for
+            a dense start.
     """
 
     tree: DecisionTree

@@ -18,7 +18,15 @@ from ge_torchrl.ge.encoding import constants_near
 from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.refiners.protocol import Effort
 from ge_torchrl.refiners.settling import settle
-from ge_torchrl.search.archive import POLISH, POPULATION, REFINEMENT, Contender, Member, offer, prune_all
+from ge_torchrl.search.archive import (
+    POLISH,
+    POPULATION,
+    REFINEMENT,
+    Contender,
+    Member,
+    offer,
+    prune_all,
+)
 from ge_torchrl.search.fitness import (
     fitness_of,
     measure,

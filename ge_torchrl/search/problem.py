@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend
 from ge_torchrl.ge.rule_tables import RuleTables
+from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.refiners.protocol import Refiner
 
 
@@ -20,6 +21,7 @@ class Problem:
         backend: Runs trees, and counts their steps.
         refiner: Refines proposals on schedule; None where nothing does.
         polisher: The derivative-free search that goes on from what the refiner found; None where steps are dear.
+        mirror: Of the environment; None where it is not known to have one.
     """
 
     config: Config
@@ -27,6 +29,31 @@ class Problem:
     backend: Backend
     refiner: Refiner | None
     polisher: Refiner | None
+    mirror: Mirror | None = None
+
+    @property
+    def has_sums(self) -> bool:
+        """Whether the grammar weighs features, in splits or in leaves."""
+        return self.is_oblique or self.has_linear_leaves
+
+    @property
+    def is_oblique(self) -> bool:
+        """Whether splits weigh features."""
+        return bool(getattr(self.tables.grammar, "splits", "axis") == "oblique")
+
+    @property
+    def has_linear_leaves(self) -> bool:
+        """Whether values of leaves may be linear in features."""
+        return bool(getattr(self.tables.grammar, "leaves", "action") == "linear")
+
+    @property
+    def rounds(self) -> bool:
+        """Whether kept trees are rounded at the end."""
+        return self.has_sums and self.config.archive.enabled and self.config.starts.rounding_episodes > 0
+
+    def races_in(self, generation: int) -> bool:
+        """Tell whether dense starts are raced."""
+        return self.has_sums and self.config.archive.enabled and 1 <= generation <= self.config.starts.races
 
     @property
     def refines(self) -> bool:

@@ -29,6 +29,7 @@ from ge_torchrl.search.proposals import (
 )
 from ge_torchrl.search.refinement import IMPROVED, Refinement, Refinements, refine_proposals
 from ge_torchrl.search.restarts import begins_anew, goes_on_together, together
+from ge_torchrl.search.starts import dense_starts
 from ge_torchrl.search.state import Counts, Events, RefinementEvent, SearchState
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.tree import DecisionTree
@@ -75,6 +76,7 @@ def step(problem: Problem, state: SearchState) -> tuple[SearchState, Events]:
         # What is written back leads too, but is not evolution's: who is offered first gives a tree its origin.
         [
             *_contenders(refinements),
+            *dense_starts(problem, population, generation),
             *leaders(written.population, problem.config.archive.max_nodes),
         ],
     )

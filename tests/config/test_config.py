@@ -13,6 +13,7 @@ from ge_torchrl.config import (
     GrammarConfig,
     PolishConfig,
     RefinerConfig,
+    StartsConfig,
     check_group,
     check_key,
     template,
@@ -34,6 +35,7 @@ def test_what_is_not_given_takes_the_defaults_of_its_section():
         refiner=RefinerConfig(),
         polish=PolishConfig(),
         archive=ArchiveConfig(),
+        starts=StartsConfig(max_timesteps=3_000_000),
         seed=0,
     )
 
@@ -133,7 +135,7 @@ def test_missing_section_is_reported_by_the_key_that_has_no_default():
         ("sed", r"sed is unknown; .* such as seed; got sed"),
         (
             "zzz",
-            r"zzz is unknown; .* such as env, grammar, ge, evaluation, refiner, polish, archive, seed; got zzz",
+            r"zzz is unknown; .* such as env, grammar, ge, evaluation, refiner, polish, archive, starts, seed; got zzz",
         ),
         ("seed.x", "seed.x is unknown"),
         ("ge.wraps.x", "ge.wraps.x is unknown"),
@@ -230,3 +232,19 @@ def test_a_group_of_choices_that_went_says_what_to_type():
 def test_episodes_that_fit_into_no_memory_are_refused(values, message):
     with pytest.raises(ConfigError, match=f"^{message}"):
         Config.from_mapping({**VALUES, **values})
+
+
+@pytest.mark.parametrize(
+    ("ge", "steps"),
+    [
+        ({}, 1_100_000),
+        ({"max_env_steps": 100_000}, 30_000),
+        ({"max_seconds": 60}, 360_000),
+        ({"max_env_steps": 0}, 1_100_000),
+    ],
+)
+def test_races_of_dense_starts_have_their_part_of_what_a_run_may_take(ge, steps):
+    config = Config.from_mapping({**VALUES, "ge": {**VALUES["ge"], **ge}})
+    assert config.resolved(20_000).starts.max_timesteps == pytest.approx(steps, rel=0.05)
+    given = dataclasses.replace(config, starts=StartsConfig(max_timesteps=7))
+    assert given.resolved(20_000).starts.max_timesteps == 7

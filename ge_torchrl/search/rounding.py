@@ -1,0 +1,61 @@
+"""The end of a search with sums: the best kept trees become easier to read, at the same return."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ge_torchrl.environments.backend import LimitReachedError
+from ge_torchrl.refiners.local_search import spread_of
+from ge_torchrl.refiners.rounding import Rounding
+from ge_torchrl.search.archive import Contender, Member, digest, offer
+from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.state import SearchState
+from ge_torchrl.seeding import episode_seeds, stream
+from ge_torchrl.trees.forest import Forest
+
+ROUNDING = "rounding"
+"""The purpose that steps of rounding are counted under."""
+
+# Steps that show how far features spread under a tree that is rounded.
+_OBSERVED: Final = 1000
+
+
+def round_kept(problem: Problem, state: SearchState) -> SearchState:
+    """Round the best kept trees with sums to few terms and few digits; each takes the place of what it was.
+
+    The best of each size, the fittest first. Where a limit breaks it off, what was rounded before is kept.
+    """
+    episodes = problem.config.starts.rounding_episodes
+    if not problem.rounds:
+        return state
+    archive = state.archive
+    sizes = sorted({member.tree.num_decision_nodes for member in archive.members})
+    best = [archive.of_size(size)[0] for size in sizes]
+    best = sorted(filter(_has_sums, best), key=lambda member: -member.archive_fitness)
+    seeds = episode_seeds("training", episodes, stream(problem.config.seed, "rounding"))
+
+    def returns(forest: Forest, some: NDArray[np.int64]) -> NDArray[np.float64]:
+        return problem.backend.evaluate(forest, some, ROUNDING).returns
+
+    with suppress(LimitReachedError):
+        for member in best:
+            rng = stream(problem.config.seed, f"rounding of {digest(member.tree).hex()}")
+            (observed,) = problem.backend.observe([member.tree], _OBSERVED, [rng], ROUNDING)
+            spread = spread_of(observed)
+            if problem.mirror is not None:
+                spread = np.maximum(spread, spread[problem.mirror.feature])
+            tree = Rounding(member.tree, problem.mirror, spread, seeds, returns).run()
+            if tree != member.tree:
+                others = tuple(other for other in archive.members if other is not member)
+                contender = Contender(tree, member.train_fitness, member.origin)
+                archive = offer(problem, replace(archive, members=others), [contender])
+    return replace(state, archive=archive)
+
+
+def _has_sums(member: Member) -> bool:
+    return not member.tree.is_axis_aligned or len(member.tree.leaf_feature) > 0

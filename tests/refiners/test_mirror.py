@@ -1,0 +1,121 @@
+"""What is tied in the mirror: a tree that is its own image stays so, whatever its free numbers are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mirrors_for_tests import MIRRORS, NAMES, shapes_of
+
+from ge_torchrl.errors import ConfigError
+from ge_torchrl.refiners.mirror import Mirror
+from ge_torchrl.refiners.ties import Ties, ties_of
+from ge_torchrl.trees.tree import DecisionTree
+
+leaf, split = DecisionTree.leaf, DecisionTree.split
+LANDER = MIRRORS["lander"]
+
+
+@given(st.sampled_from(sorted(MIRRORS)), st.integers(0, 10**6), st.booleans(), st.booleans())
+def test_a_dense_start_is_its_own_image_and_has_fewer_free_numbers(name, seed, oblique, linear):
+    mirror, rng = MIRRORS[name], np.random.default_rng(seed)
+    tree = shapes_of(name, rng, oblique=oblique, linear=linear).draw(rng)
+    ties = ties_of(tree, mirror)
+    assert ties is not None
+    free = tree.parameters.astype(np.float64)[ties.leading]
+    np.testing.assert_array_equal(ties.parameters(free).astype(np.float32), tree.parameters)
+    if tree.num_decision_nodes > 0:
+        assert len(free) < len(tree.parameters)
+
+
+@given(st.sampled_from(sorted(MIRRORS)), st.integers(0, 10**6))
+def test_whatever_its_free_numbers_it_stays_tied(name, seed):
+    mirror, rng = MIRRORS[name], np.random.default_rng(seed)
+    tree = shapes_of(name, rng).draw(rng)
+    ties = ties_of(tree, mirror)
+    moved = tree.with_parameters(ties.parameters(rng.normal(size=len(ties.leading))))
+    again = ties_of(moved, mirror)
+    assert again is not None
+    np.testing.assert_array_equal(again.sign, ties.sign)
+    np.testing.assert_array_equal(again.free, ties.free)
+
+
+@given(st.integers(0, 10**6))
+def test_without_splits_that_contradict_each_other_a_tied_tree_answers_in_the_mirror_what_it_answers(seed):
+    rng = np.random.default_rng(seed)
+    for name in ("cart", "pendulum", "lander with two engines"):
+        mirror = MIRRORS[name]
+        tree = shapes_of(name, rng).draw(rng)
+        observed = rng.normal(size=(200, len(mirror.feature))).astype(np.float32)
+        image = mirror.answers(tree.decide(mirror.observations(observed)))
+        np.testing.assert_allclose(tree.decide(observed), image, rtol=1e-4, atol=1e-4)
+
+
+@given(st.integers(0, 10**6))
+def test_the_mirror_of_the_mirror_is_the_state(seed):
+    rng = np.random.default_rng(seed)
+    for mirror in MIRRORS.values():
+        observed = rng.normal(size=(5, len(mirror.feature))).astype(np.float32)
+        np.testing.assert_array_equal(mirror.observations(mirror.observations(observed)), observed)
+
+
+@given(st.integers(0, 10**6), st.sampled_from(sorted(MIRRORS)))
+def test_a_tree_in_the_mirror_answers_to_a_mirrored_state_the_mirrored_answer(seed, name):
+    mirror, rng = MIRRORS[name], np.random.default_rng(seed)
+    tree = shapes_of(name, rng, mirrored=False).draw(rng)
+    observed = rng.normal(size=(100, len(mirror.feature))).astype(np.float32)
+    image = mirror.tree(tree).decide(mirror.observations(observed))
+    np.testing.assert_allclose(image, mirror.answers(tree.decide(observed)), rtol=1e-4, atol=1e-4)
+    assert mirror.tree(mirror.tree(tree)) == tree
+
+
+def test_a_complement_is_an_image_too():
+    # Between -0.5 and 0.5 the middle action, outside of it the engine that pushes back.
+    tree = split(0, -0.5, leaf(3), split(0, 0.5, leaf(0), leaf(1)))
+    ties = ties_of(tree, LANDER)
+    assert ties.free.tolist() == [0, 0]
+    assert ties.sign.tolist() == [1.0, -1.0]
+
+
+def test_a_test_at_zero_stays_there():
+    ties = ties_of(split(0, 0.0, leaf(3), leaf(1)), LANDER)
+    assert ties.sign.tolist() == [0.0]
+    assert ties.parameters(np.zeros(0)).tolist() == [0.0]
+
+
+@pytest.mark.parametrize(
+    "tree",
+    [
+        split(0, 0.3, leaf(1), leaf(3)),  # The image of x < 0.3 is x > -0.3.
+        split(0, 0.0, leaf(1), leaf(2)),  # The image of the left engine is the right one.
+        split(1, 0.3, leaf(1), leaf(0)),  # Below 0.3 the left engine alone answers.
+        split(6, 0.5, leaf(0), leaf(2)),  # The image of the left leg is the right one.
+    ],
+)
+def test_a_tree_that_is_not_its_own_image_is_not_tied(tree):
+    assert ties_of(tree, LANDER) is None
+
+
+def test_without_ties_all_numbers_are_free():
+    ties = Ties.none(3)
+    assert ties.leading.tolist() == [0, 1, 2]
+    assert ties.parameters(np.array([1.0, 2.0, 3.0])).tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("symmetry", "message"),
+    [
+        ({"negated": ["x"]}, "env.symmetry has the keys .*; negated is not one of them"),
+        ({"negate": ["z"]}, "'z' is none of the names x, y"),
+        ({"swap": [["left_leg", "left_leg"]]}, "names an entry once"),
+        ({"swap": [["left_leg", "right_leg"], ["x", "left_leg"]]}, "names an entry once"),
+        ({"swap": ["xy"]}, "takes pairs of names"),
+        ({"swap": [["left_leg", "right_leg"]], "negate": ["left_leg"]}, "both or none change their sign"),
+        ({"actions": {"left": "up"}}, "'up' is none of the names"),
+        ({"negate_actions": ["left"]}, "env.symmetry.negate_actions is for continuous actions"),
+    ],
+)
+def test_a_mirror_that_there_cannot_be_is_refused(symmetry, message):
+    with pytest.raises(ConfigError, match=message):
+        Mirror.declared(symmetry, NAMES["lander"])
