@@ -113,7 +113,8 @@ class _Search:
         """Return the unit [N] of each parameter, from what the tree sees."""
         (observations,) = self._backend.observe([self._tree], _PROBE_STEPS, [self._rng], self._purpose)
         self._timesteps += len(observations)
-        return self._tree.parameter_units(spread_of(observations))
+        names = self._backend.spec.names
+        return self._tree.parameter_units(spread_of(observations), names.action_spread)
 
     def _choose_actions(self) -> None:
         """Give each leaf in turn its best action, the other leaves as they then are."""

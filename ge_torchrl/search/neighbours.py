@@ -40,7 +40,8 @@ def propose_neighbours(
         generation: Number of the generation, whose training episodes judge neighbours.
     """
     settings, config = problem.config.archive, problem.config
-    features = np.flatnonzero([len(of) > 0 for of in problem.tables.grammar.constants])
+    offers = problem.tables.grammar.split_offers
+    features = np.array(sorted({feature for offer in offers for feature in offer.linear.weights}), np.int64)
     # A grammar of leaves alone tests no feature, so its trees have no neighbours.
     if settings.neighbours == 0 or not archive.members or len(features) == 0:
         return []
@@ -85,7 +86,7 @@ def _draw(
     crossed: float,
 ) -> Forest:
     """Draw neighbours of kept trees that small tournaments, every second one of one, choose; or crossings of two."""
-    members, spec = archive.members, problem.backend.spec
+    members, spec, grammar = archive.members, problem.backend.spec, problem.tables.grammar
     fitness = np.array([member.archive_fitness for member in members])
     hoods: dict[int, Neighbourhood] = {}
 
@@ -93,7 +94,13 @@ def _draw(
         entrants = rng.integers(len(members), size=int(rng.integers(1, 3)))
         chosen = int(entrants[np.argmax(fitness[entrants])])
         if chosen not in hoods:
-            hoods[chosen] = Neighbourhood(members[chosen].tree, members[chosen].observed)
+            hoods[chosen] = Neighbourhood(
+                members[chosen].tree,
+                members[chosen].observed,
+                oblique=grammar.splits == "oblique",
+                linear=grammar.leaves == "linear",
+                action_bounds=spec.names.action_bounds,
+            )
         return hoods[chosen]
 
     drawn = []
