@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from ge_torchrl.config import Config
@@ -10,8 +9,7 @@ from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.kernel_backend import has_kernel
 from ge_torchrl.environments.probing import obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
-from ge_torchrl.errors import GrammarError
-from ge_torchrl.ge.grammar import read_grammar
+from ge_torchrl.ge.generating import choose_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
 from ge_torchrl.refiners.mirror import Mirror
 
@@ -56,45 +54,21 @@ def plan(config: Config) -> Plan:
         config = replace(config, env=replace(config.env, max_episode_steps=probe(spec).limit))
         notes.append(limit_given(spec, config.env.max_episode_steps or 0))
         spec = describe_settings(config.env)
-    if config.grammar.bnf is None:
-        config = replace(
-            config, grammar=replace(config.grammar, bnf=generated_grammar(spec), name=_GENERATED)
-        )
-    try:
-        tables = compile_rules(
-            read_grammar(config.grammar.bnf or "", spec.names.features, spec.names.actions)
-        )
-    except GrammarError as error:
-        raise GrammarError(f"grammar.bnf, {error}") from error
+    chosen = choose_grammar(
+        config.grammar.bnf,
+        config.grammar.splits,
+        config.grammar.leaves,
+        spec.names.features,
+        spec.names.actions,
+        spec.names.action_bounds,
+        ranges=lambda: probe(spec).ranges,
+        binary=lambda: [spec.names.features[i] for i in probe(spec).binary],
+    )
+    if chosen.is_generated:
+        config = replace(config, grammar=replace(config.grammar, bnf=chosen.text, name=_GENERATED))
     symmetry = config.env.symmetry
     mirror = Mirror.declared(symmetry, spec.names) if symmetry else None
-    return Plan(config, spec, tables, tuple(notes), mirror)
-
-
-def generated_grammar(spec: EnvironmentSpec) -> str:
-    """Return the rules of a grammar for an environment."""
-    if spec.is_continuous:
-        raise GrammarError(
-            f"grammar.bnf has to be given where actions are continuous, as those of {spec.id} are"
-        )
-    tests = [
-        f"lt({name}, [{low:.12g}, {high:.12g}] step {_step(low, high):.12g})"
-        for name, (low, high) in zip(spec.names.features, probe(spec).ranges, strict=True)
-        if low < high
-    ]
-    if not tests:
-        raise GrammarError(f"grammar.bnf has to be given, since no feature of {spec.id} varies in play")
-    return (
-        "<dt>        ::= <if>\n"
-        "<if>        ::= if <condition> then <action> else <action>\n"
-        f"<condition> ::= {' | '.join(tests)}\n"
-        "<action>    ::= <leaf> | <if>\n"
-        f"<leaf>      ::= {' | '.join(spec.names.actions)}\n"
-    )
-
-
-def _step(low: float, high: float) -> float:
-    return 10.0 ** math.floor(math.log10((high - low) / 300))
+    return Plan(config, spec, compile_rules(chosen.grammar), tuple(notes), mirror)
 
 
 def ignores_seeds(spec: EnvironmentSpec) -> str:

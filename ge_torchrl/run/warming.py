@@ -10,6 +10,7 @@ import numpy as np
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import SoftForest
 from ge_torchrl.environments.kernel_backend import KernelBackend
+from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.ge.operators import random_population
 from ge_torchrl.refiners.local_search import LocalSearch
@@ -51,7 +52,7 @@ def compile_kernels(planned: Plan, route: str) -> None:
         state, _ = first_state(problem)
         step(problem, state)
         if planned.config.refiner.method == "ppo":
-            backend.sampler([stream(0, "warming")]).sample(_softest(planned.spec.n_actions), 1, "warming")
+            backend.sampler([stream(0, "warming")]).sample(_softest(planned.spec), 1, "warming")
 
 
 def _tiny(config: Config) -> Config:
@@ -59,13 +60,22 @@ def _tiny(config: Config) -> Config:
     return Config.from_mapping({**values, **{name: {**values[name], **few} for name, few in _TINY.items()}})
 
 
-def _softest(n_actions: int) -> SoftForest:
-    """Return a lone leaf that takes any action, beside a row of padding."""
-    return SoftForest.with_actions(
+def _softest(spec: EnvironmentSpec) -> SoftForest:
+    """Return a lone leaf that takes any action, or one around 0, beside a row of padding."""
+    n = spec.n_actions
+    soft = SoftForest.with_actions(
         feature=np.zeros((1, 1), np.int32),
         threshold=np.zeros((1, 1), np.float32),
         alpha=np.ones((1, 1)),
         children_left=np.full((1, 1), ~0, np.int32),
         children_right=np.full((1, 1), ~0, np.int32),
-        probabilities=np.full((1, 1, n_actions), 1 / n_actions),
+        probabilities=np.full((1, 1, n), 1 / n),
+    )
+    if not spec.is_continuous:
+        return soft
+    return soft._replace(
+        probabilities=np.zeros((1, 1, 0)),
+        mean=np.zeros((1, 1, n)),
+        leaf_weight=np.zeros((1, 1, spec.n_features, n)),
+        sd=np.ones((1, 1, n)),
     )

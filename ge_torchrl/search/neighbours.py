@@ -86,7 +86,7 @@ def _draw(
     crossed: float,
 ) -> Forest:
     """Draw neighbours of kept trees that small tournaments, every second one of one, choose; or crossings of two."""
-    members, spec, grammar = archive.members, problem.backend.spec, problem.tables.grammar
+    members, spec = archive.members, problem.backend.spec
     fitness = np.array([member.archive_fitness for member in members])
     hoods: dict[int, Neighbourhood] = {}
 
@@ -97,8 +97,8 @@ def _draw(
             hoods[chosen] = Neighbourhood(
                 members[chosen].tree,
                 members[chosen].observed,
-                oblique=grammar.splits == "oblique",
-                linear=grammar.leaves == "linear",
+                oblique=problem.is_oblique,
+                linear=problem.has_linear_leaves,
                 action_bounds=spec.names.action_bounds,
             )
         return hoods[chosen]

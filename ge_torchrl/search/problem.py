@@ -39,12 +39,12 @@ class Problem:
     @property
     def is_oblique(self) -> bool:
         """Whether splits weigh features."""
-        return bool(getattr(self.tables.grammar, "splits", "axis") == "oblique")
+        return self.tables.grammar.splits == "oblique"
 
     @property
     def has_linear_leaves(self) -> bool:
         """Whether values of leaves may be linear in features."""
-        return bool(getattr(self.tables.grammar, "leaves", "action") == "linear")
+        return self.tables.grammar.leaves == "linear"
 
     @property
     def rounds(self) -> bool:
