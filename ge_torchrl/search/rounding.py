@@ -26,7 +26,7 @@ _OBSERVED: Final = 1000
 
 
 def round_kept(problem: Problem, state: SearchState) -> SearchState:
-    """Round the best kept trees with sums to few terms and few digits; each takes the place of what it was.
+    """Round the best kept trees with sums to few terms and few digits; each takes the place of all of its size.
 
     The best of each size, the fittest first. Where a limit breaks it off, what was rounded before is kept.
     """
@@ -51,7 +51,9 @@ def round_kept(problem: Problem, state: SearchState) -> SearchState:
                 spread = np.maximum(spread, spread[problem.mirror.feature])
             tree = Rounding(member.tree, problem.mirror, spread, seeds, returns).run()
             if tree != member.tree:
-                others = tuple(other for other in archive.members if other is not member)
+                # Validation would choose among kept trees by differences too small to be worth their digits.
+                size = member.tree.num_decision_nodes
+                others = tuple(other for other in archive.members if other.tree.num_decision_nodes != size)
                 contender = Contender(tree, member.train_fitness, member.origin)
                 archive = offer(problem, replace(archive, members=others), [contender])
     return replace(state, archive=archive)

@@ -250,9 +250,9 @@ class DecisionTree:
 
         Args:
             spread: [D] how far each feature spreads, above 0.
-            action_spread: [A] likewise each value, as in `Names.action_spread`; None: 1.
+            action_spread: [A] likewise each value, as in `Names.action_spread`; None: 1. Leaves with actions have none.
         """
-        return units_of(self.arrays, spread, action_spread)
+        return units_of(self.arrays, spread, None if self.has_actions else action_spread)
 
     def split_visits(self, leaf_visits: ArrayLike) -> NDArray[np.int64]:
         """Return how often each split is visited, [M], from the visits of leaves, [L]."""

@@ -29,7 +29,11 @@ class FakeBackend:
     steps_per_second = 1e6
 
     def __init__(self, value, n_actions=2, spread=(1.0, 1.0), steps=10, luck=0.1):
-        self.spec = SimpleNamespace(n_actions=n_actions, n_features=len(spread))
+        self.spec = SimpleNamespace(
+            names=SimpleNamespace(action_spread=np.ones(n_actions)),
+            n_actions=n_actions,
+            n_features=len(spread),
+        )
         self.steps = Counter()
         self.limit: Limit | None = None
         self.batches, self.episodes = [], []

@@ -78,3 +78,9 @@ def test_the_weight_of_a_lone_term_is_no_parameter():
 def test_parameters_of_something_else_are_refused(numbers, message):
     with pytest.raises(InvalidTreeError, match=message):
         TREE.with_parameters(numbers)
+
+
+def test_how_far_actions_spread_is_of_no_account_where_leaves_hold_actions():
+    tree = DecisionTree.split(0, 0.5, DecisionTree.leaf(0), DecisionTree.leaf(1))
+    spread = np.array([2.0, 3.0])
+    assert tree.parameter_units(spread, np.array([7.0, 7.0])).tolist() == [2.0]
