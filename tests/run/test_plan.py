@@ -99,3 +99,36 @@ def test_a_feature_that_does_not_vary_is_not_tested():
     bnf = plan(any_environment(register(StillEnv))).config.grammar.bnf
     assert "lt(x0, " in bnf
     assert "lt(x1, " not in bnf
+
+
+@pytest.mark.parametrize(
+    ("asked", "splits", "leaves", "is_made"),
+    [
+        ({}, "axis", "action", False),
+        ({"splits": "axis"}, "axis", "action", False),
+        ({"splits": "oblique"}, "oblique", "action", True),
+        ({"bnf": None, "splits": "oblique", "leaves": "action"}, "oblique", "action", True),
+    ],
+)
+def test_the_grammar_is_of_the_kind_that_is_asked_for(asked, splits, leaves, is_made):
+    planned = plan(config_of(grammar=asked))
+    assert (planned.tables.grammar.splits, planned.tables.grammar.leaves) == (splits, leaves)
+    assert (planned.config.grammar.bnf != BNF) == is_made
+    again = plan(planned.config)
+    assert again.config.grammar == planned.config.grammar, (
+        "what a run's config.yaml holds makes the same grammar"
+    )
+
+
+@pytest.mark.parametrize(
+    ("asked", "leaves"), [(None, "linear"), ("linear", "linear"), ("constant", "constant")]
+)
+def test_an_environment_of_box_actions_gets_leaves_of_values(asked, leaves):
+    env = {"id": "Pendulum-v1", "features": (), "units": (), "actions": (), "solved_at": None}
+    planned = plan(config_of(env=env, grammar={"bnf": None, "leaves": asked}))
+    assert (planned.tables.grammar.splits, planned.tables.grammar.leaves) == ("axis", leaves)
+
+
+def test_leaves_that_the_actions_do_not_fit_are_refused():
+    with pytest.raises(GrammarError, match=r"grammar\.leaves"):
+        plan(config_of(grammar={"leaves": "linear"}))
