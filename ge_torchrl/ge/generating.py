@@ -254,23 +254,38 @@ def _add_values(
         # A hyphen keeps these rules apart from all others.
         name = entry if re.fullmatch(r"\w+", entry, re.ASCII) else f"entry{number}"
         constants = _inner_range(low, high)
-        if not varying or high <= low:
+        middle, reach = (low + high) / 2, _STEEPNESS * (high - low) / 2
+        weights = {of.name: _nice(reach / of.spread) for of in varying} if _has_room(low, high) else {}
+        # What is smaller than can be written has no effect that a person could read.
+        weights = {
+            of: weight for of, weight in weights.items() if weight / _LEAST_STEPS_OF_WEIGHTS >= _FINEST_STEP
+        }
+        if not weights:
             arguments.append(constants)
             continue
         arguments.append(f"<{name}-value>")
-        middle, reach = (low + high) / 2, _STEEPNESS * (high - low) / 2
         step = _nice(2 * reach / _LEAST_STEPS, at_least=abs(middle) * _FLOAT32)
         shift = _range(middle - reach, middle + reach, step)
         rules[f"{name}-value"] = [constants, f"{shift} + <{name}-sum>"]
         rules[f"{name}-sum"] = [f"<{name}-term>", f"<{name}-term> + <{name}-sum>"]
-        rules[f"{name}-term"] = [f"{_weights(_nice(reach / of.spread))} * {of.name}" for of in varying]
+        rules[f"{name}-term"] = [f"{_weights(weight)} * {of}" for of, weight in weights.items()]
     rules["leaf"] = [f"act({', '.join(arguments)})"]
+
+
+def _step_between(low: float, high: float) -> Fraction:
+    return _nice((high - low) / _LEAST_STEPS, at_least=max(abs(low), abs(high)) * _FLOAT32)
+
+
+def _has_room(low: float, high: float) -> bool:
+    """Tell whether there is more than one number between bounds that can be written."""
+    step = _step_between(low, high)
+    return step >= _FINEST_STEP and high - low > step
 
 
 def _inner_range(low: float, high: float) -> str:
     """Return the constants between the bounds of an action, or its middle where there is no room for any."""
-    step = _nice((high - low) / _LEAST_STEPS, at_least=max(abs(low), abs(high)) * _FLOAT32)
-    if step < _FINEST_STEP or high - low <= step:
+    step = _step_between(low, high)
+    if not _has_room(low, high):
         return _decimal(Fraction(round(_exact((low + high) / 2) / _FINEST_STEP)) * _FINEST_STEP)
     first, last = math.ceil(_exact(low) / step), math.floor(_exact(high) / step)
     return f"[{_decimal(first * step)}, {_decimal(last * step)}] step {_decimal(step)}"
