@@ -38,17 +38,17 @@ from ge_torchrl import __version__
 from ge_torchrl.cli import verb_of
 from ge_torchrl.cli.choices import (
     CONF,
-    added_folder,
     choices,
     config_from,
     folder_from,
+    searched,
     with_environment,
     words_of,
 )
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
-from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR
+from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR, JobFailedError
 from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unknown_choice
 from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
@@ -103,7 +103,7 @@ def _run(arguments: list[str]) -> int:
         statuses.append(status)
         if status != OK and os.getpid() != process:
             # A launcher's own process cannot reach the list above; Hydra carries the error over at the end.
-            raise _JobFailedError(status)
+            raise JobFailedError(status)
         if status == OUTPUT_CLOSED:
             raise SystemExit(status)  # Nobody would read of the other jobs either.
 
@@ -115,21 +115,13 @@ def _run(arguments: list[str]) -> int:
     with seen_by_others(arguments, _FULL_ERROR), _in_our_words(), folder_told(folder):
         try:
             launch()
-        except _JobFailedError as failed:
+        except JobFailedError as failed:
             statuses.append(failed.status)
         except SystemExit as leaving:
             # Hydra leaves so after --help and the like, and after messages of its own.
             if leaving.code != OUTPUT_CLOSED:
                 statuses.append(USER_ERROR if leaving.code else OK)
     return FAULT if FAULT in statuses else max(statuses, default=OK)
-
-
-class _JobFailedError(Exception):
-    """A job in another process failed, and has said why."""
-
-    def __init__(self, status: int) -> None:
-        super().__init__(status)
-        self.status = status
 
 
 def _job(values: DictConfig) -> int:
@@ -189,10 +181,10 @@ def _configs(options: argparse.Namespace) -> list[Config]:
         for override in overrides:
             _check_override(override, sweep=sweep)
         config_name = options.config_name or "config"
-        searched = _searched(options.config_dir, config_name)
+        also_in = searched(options.config_dir, config_name)
 
         def composed(job: Iterable[str]) -> DictConfig:
-            return hydra.compose(config_name, overrides=[*job, *searched])
+            return hydra.compose(config_name, overrides=[*job, *also_in])
 
         configs = []
         for job in _jobs(overrides):
@@ -200,14 +192,6 @@ def _configs(options: argparse.Namespace) -> list[Config]:
             _check_experiment(job, composed)
             configs.append(_config_from(values))
     return configs
-
-
-def _searched(config_dir: str | None, config_name: str) -> list[str]:
-    """Return the override that makes `compose` look into the folder of --config-dir too."""
-    if config_dir is None:
-        return []
-    quoted = str(added_folder(config_dir, config_name)).replace("'", r"\'")
-    return [f"hydra.searchpath=['{quoted}']"]
 
 
 def _check_experiment(job: Sequence[str], composed: Callable[[Iterable[str]], DictConfig]) -> None:

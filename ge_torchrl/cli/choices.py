@@ -96,3 +96,11 @@ def config_from(composed: object) -> Config:
             f"a file of env with the sections env and grammar must begin with {first_line}; got none"
         )
     return Config.from_mapping({str(key): value for key, value in composed.items()})
+
+
+def searched(config_dir: str | None, config_name: str) -> list[str]:
+    """Return the override that makes Hydra look into the folder of --config-dir too; see `added_folder`."""
+    if config_dir is None:
+        return []
+    quoted = str(added_folder(config_dir, config_name)).replace("'", r"\'")
+    return [f"hydra.searchpath=['{quoted}']"]

@@ -13,18 +13,24 @@ import numpy as np
 
 from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.grammar import Grammar, read_grammar
+from ge_torchrl.ge.steps import (
+    FINEST_STEP,
+    FLOAT32,
+    LEAST_STEPS,
+    decimal,
+    has_room,
+    inner_range,
+    nice,
+    range_text,
+)
 
 Range = tuple[float, float]
 
 UNBOUNDED_ACTION: Final = 1.0
 """An entry of an action that has no bound on a side ends this far from the other one, or from zero."""
 
-# Steps are 1, 2 or 5 times a power of ten. A range is cut into at least that many, and into at most 2.5 times as many.
-_LEAST_STEPS: Final = 400
 _LEAST_STEPS_OF_WEIGHTS: Final = 100
-# No step is finer than what float32 keeps of a range's ends, nor than what the notation can write.
-_FLOAT32: Final = 2.0**-23
-_FINEST_STEP: Final = Fraction(1, 10**12)
+# Features are taken to stay within this.
 _FARTHEST: Final = 1e12
 # A linear leaf may go from one bound of the action to the other within a tenth of what a feature moves.
 _STEEPNESS: Final = 10.0
@@ -191,34 +197,17 @@ class _Feature:
 def _feature(name: str, low: float, high: float) -> _Feature | None:
     """Return a feature with its step; None where it does not vary by more than can be written."""
     low, high = (min(max(end, -_FARTHEST), _FARTHEST) for end in (low, high))
-    step = _nice((high - low) / _LEAST_STEPS, at_least=max(abs(low), abs(high)) * _FLOAT32)
+    step = nice((high - low) / LEAST_STEPS, at_least=max(abs(low), abs(high)) * FLOAT32)
     # Such a step can be wider than a narrow range that is far from zero.
-    return _Feature(name, low, high, step) if step >= _FINEST_STEP and high - low > step else None
-
-
-def _nice(number: float, at_least: float = 0.0) -> Fraction:
-    """Return the largest of 1, 2 or 5 times a power of ten that is not above a number; 0 for none.
-
-    Args:
-        number: The number.
-        at_least: Instead of smaller ones, the smallest that is not below this is taken.
-    """
-    if number <= 0:
-        return Fraction(0)
-    exponent = math.floor(math.log10(max(number, at_least)))
-    nice = [
-        digit * Fraction(10) ** power for power in range(exponent - 1, exponent + 2) for digit in (1, 2, 5)
-    ]
-    if number >= at_least:
-        return max(step for step in nice if step <= Fraction(number))
-    return min(step for step in nice if step >= Fraction(at_least))
+    return _Feature(name, low, high, step) if step >= FINEST_STEP and high - low > step else None
 
 
 def _add_conditions(
     rules: dict[str, list[str]], varying: list[_Feature], splits: str, binary: Collection[str]
 ) -> None:
     tests = [
-        f"lt({of.name}, {'0.5' if of.name in binary else _range(of.low, of.high, of.step)})" for of in varying
+        f"lt({of.name}, {'0.5' if of.name in binary else range_text(of.low, of.high, of.step)})"
+        for of in varying
     ]
     if splits == "axis" or len(varying) < 2:
         rules["condition"] = tests
@@ -227,17 +216,17 @@ def _add_conditions(
     rules["single"] = tests
     # The sum's unit: most weights are near 1 then, and so is what a term adds to the sum.
     unit = 10.0 ** round(float(np.median([math.log10(of.spread) for of in varying])))
-    weights = [_nice(unit / of.spread * 1.000001) for of in varying]
+    weights = [nice(unit / of.spread * 1.000001) for of in varying]
     reach = 2 * max(float(weight) * of.farthest for weight, of in zip(weights, varying, strict=True))
-    step = _nice(min(reach, 4 * unit) / _LEAST_STEPS, at_least=reach * _FLOAT32)
-    rules["oblique"] = [f"lt(<sum>, {_range(-reach, reach, step)})"]
+    step = nice(min(reach, 4 * unit) / LEAST_STEPS, at_least=reach * FLOAT32)
+    rules["oblique"] = [f"lt(<sum>, {range_text(-reach, reach, step)})"]
     rules["sum"] = ["<term> + <term>", "<term> + <sum>"]
     rules["term"] = [f"{_weights(weight)} * {of.name}" for weight, of in zip(weights, varying, strict=True)]
 
 
 def _weights(weight: Fraction) -> str:
-    step = _decimal(weight / _LEAST_STEPS_OF_WEIGHTS)
-    return f"[{_decimal(-weight)}, {_decimal(weight)}] step {step}"
+    step = decimal(weight / _LEAST_STEPS_OF_WEIGHTS)
+    return f"[{decimal(-weight)}, {decimal(weight)}] step {step}"
 
 
 def _bounded(low: float, high: float) -> Range:
@@ -253,64 +242,23 @@ def _add_values(
     for number, (entry, (low, high)) in enumerate(zip(entries, bounds, strict=True)):
         # A hyphen keeps these rules apart from all others.
         name = entry if re.fullmatch(r"\w+", entry, re.ASCII) else f"entry{number}"
-        constants = _inner_range(low, high)
+        constants = inner_range(low, high)
         middle, reach = (low + high) / 2, _STEEPNESS * (high - low) / 2
-        weights = {of.name: _nice(reach / of.spread) for of in varying} if _has_room(low, high) else {}
+        weights = {of.name: nice(reach / of.spread) for of in varying} if has_room(low, high) else {}
         # What is smaller than can be written has no effect that a person could read.
         weights = {
-            of: weight for of, weight in weights.items() if weight / _LEAST_STEPS_OF_WEIGHTS >= _FINEST_STEP
+            of: weight for of, weight in weights.items() if weight / _LEAST_STEPS_OF_WEIGHTS >= FINEST_STEP
         }
         if not weights:
             arguments.append(constants)
             continue
         arguments.append(f"<{name}-value>")
-        step = _nice(2 * reach / _LEAST_STEPS, at_least=abs(middle) * _FLOAT32)
-        shift = _range(middle - reach, middle + reach, step)
+        step = nice(2 * reach / LEAST_STEPS, at_least=abs(middle) * FLOAT32)
+        shift = range_text(middle - reach, middle + reach, step)
         rules[f"{name}-value"] = [constants, f"{shift} + <{name}-sum>"]
         rules[f"{name}-sum"] = [f"<{name}-term>", f"<{name}-term> + <{name}-sum>"]
         rules[f"{name}-term"] = [f"{_weights(weight)} * {of}" for of, weight in weights.items()]
     rules["leaf"] = [f"act({', '.join(arguments)})"]
-
-
-def _step_between(low: float, high: float) -> Fraction:
-    return _nice((high - low) / _LEAST_STEPS, at_least=max(abs(low), abs(high)) * _FLOAT32)
-
-
-def _has_room(low: float, high: float) -> bool:
-    """Tell whether there is more than one number between bounds that can be written."""
-    step = _step_between(low, high)
-    return step >= _FINEST_STEP and high - low > step
-
-
-def _inner_range(low: float, high: float) -> str:
-    """Return the constants between the bounds of an action, or its middle where there is no room for any."""
-    step = _step_between(low, high)
-    if not _has_room(low, high):
-        return _decimal(Fraction(round(_exact((low + high) / 2) / _FINEST_STEP)) * _FINEST_STEP)
-    first, last = math.ceil(_exact(low) / step), math.floor(_exact(high) / step)
-    return f"[{_decimal(first * step)}, {_decimal(last * step)}] step {_decimal(step)}"
-
-
-def _range(low: float, high: float, step: Fraction) -> str:
-    """Return constants from a multiple of ten steps at or below `low` to one at or above `high`."""
-    tens = 10 * step
-    first, last = math.floor(_exact(low) / tens), math.ceil(_exact(high) / tens)
-    return f"[{_decimal(first * tens)}, {_decimal(last * tens)}] step {_decimal(step)}"
-
-
-def _exact(number: float) -> Fraction:
-    """Return the decimal that a float32 stands for: 0.1 is a tenth."""
-    return Fraction(f"{number:.7g}")
-
-
-def _decimal(number: Fraction) -> str:
-    """Return a number that is a multiple of a power of ten, all its digits."""
-    decimals = 0
-    while (number * 10**decimals).denominator > 1:
-        decimals += 1
-    digits = f"{abs(int(number * 10**decimals)):0{decimals + 1}d}"
-    whole, rest = digits[: len(digits) - decimals], digits[len(digits) - decimals :]
-    return ("-" if number < 0 else "") + whole + (f".{rest}" if rest else "")
 
 
 def _written(rules: dict[str, list[str]]) -> str:

@@ -5,7 +5,7 @@ It is a kernel of its own, so that grammars without them are mapped as quickly a
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from ge_torchrl.ge.rule_tables import (
     Program,
     RuleTables,
 )
-from ge_torchrl.trees.arrays import ForestArrays, LeafArrays
+from ge_torchrl.ge.term_buffer import Buffer, enlarged, forest_of_buffer, room_for
 from ge_torchrl.trees.forest import Forest
 
 # Room for that many splits of each individual to begin with, and for terms of each split; the buffer grows where it
@@ -48,7 +48,7 @@ def map_with_terms(genotypes: NDArray[np.uint32], tables: RuleTables, n_readable
     """
     n_individuals, n_values = len(genotypes), tables.grammar.n_values
     n_splits = n_individuals * _LIKELY_SPLITS
-    buffer = _room_for(n_splits, n_splits * _LIKELY_TERMS, n_individuals, n_values)
+    buffer = room_for(n_splits, n_splits * _LIKELY_TERMS, n_individuals, n_values)
     longest = tables.longest_body * (n_readable + 1)
     symbols, numbers = np.empty((longest, 2), np.int32), np.empty(longest, np.float32)
     returns = np.empty(n_readable, np.int32)
@@ -68,78 +68,8 @@ def map_with_terms(genotypes: NDArray[np.uint32], tables: RuleTables, n_readable
             starts,
         )
         if mapped < n_individuals:
-            buffer = _enlarged(buffer, n_individuals)
-    return _forest(buffer, starts)
-
-
-def _forest(buffer: _Buffer, starts: NDArray[np.int64]) -> Forest:
-    n_splits, n_leaves, n_terms, n_leaf_terms = starts[:, -1].tolist()
-    if buffer.value.shape[1] == 0:
-        leaves = LeafArrays.of_actions(buffer.action[:n_leaves].copy())
-    else:
-        leaves = LeafArrays(
-            action=np.zeros(0, np.int32),
-            value=buffer.value[:n_leaves].copy(),
-            leaf_term_start=np.append(buffer.leaf_term_start[:n_leaves], n_leaf_terms),
-            leaf_feature=buffer.leaf_feature[:n_leaf_terms].copy(),
-            leaf_weight=buffer.leaf_weight[:n_leaf_terms].copy(),
-        )
-    return Forest(
-        ForestArrays(
-            starts[0].copy(),
-            starts[1].copy(),
-            np.append(buffer.term_start[:n_splits], n_terms),
-            buffer.feature[:n_terms].copy(),
-            buffer.weight[:n_terms].copy(),
-            buffer.threshold[:n_splits].copy(),
-            buffer.children[0, :n_splits].copy(),
-            buffer.children[1, :n_splits].copy(),
-            *leaves,
-        )
-    )
-
-
-class _Buffer(NamedTuple):
-    """Where the trees of a population are written, as in `ForestArrays`.
-
-    Nobody reads the last column of `children`, nor the last threshold.
-    """
-
-    term_start: NDArray[np.int64]
-    feature: NDArray[np.int32]
-    weight: NDArray[np.float32]
-    threshold: NDArray[np.float32]
-    children: NDArray[np.int32]
-    action: NDArray[np.int32]
-    value: NDArray[np.float32]
-    leaf_term_start: NDArray[np.int64]
-    leaf_feature: NDArray[np.int32]
-    leaf_weight: NDArray[np.float32]
-
-
-def _room_for(n_splits: int, n_terms: int, n_individuals: int, n_values: int) -> _Buffer:
-    n_leaves = n_splits + n_individuals  # A tree of `m` splits has `m + 1` leaves.
-    return _Buffer(
-        term_start=np.empty(n_splits, np.int64),
-        feature=np.empty(n_terms, np.int32),
-        weight=np.empty(n_terms, np.float32),
-        threshold=np.empty(n_splits + 1, np.float32),
-        children=np.empty((2, n_splits + 1), np.int32),
-        action=np.empty(n_leaves, np.int32),
-        value=np.empty((n_leaves, n_values), np.float32),
-        leaf_term_start=np.empty(n_leaves, np.int64),
-        leaf_feature=np.empty(n_terms if n_values > 0 else 0, np.int32),
-        leaf_weight=np.empty((n_terms if n_values > 0 else 0, n_values), np.float32),
-    )
-
-
-def _enlarged(buffer: _Buffer, n_individuals: int) -> _Buffer:
-    larger = _room_for(
-        2 * len(buffer.term_start), 2 * len(buffer.feature), n_individuals, buffer.value.shape[1]
-    )
-    for name, old in buffer._asdict().items():
-        getattr(larger, name)[tuple(slice(length) for length in old.shape)] = old
-    return larger
+            buffer = enlarged(buffer, n_individuals)
+    return forest_of_buffer(buffer, starts)
 
 
 @compiled
@@ -152,7 +82,7 @@ def _map(
     symbols: NDArray[np.int32],
     numbers: NDArray[np.float32],
     mapped: int,
-    buffer: _Buffer,
+    buffer: Buffer,
     starts: NDArray[np.int64],
 ) -> int:
     """Map individuals from `mapped` on while there is room; return the first that had none.
@@ -229,7 +159,7 @@ def _build(
     symbols: NDArray[np.int32],
     numbers: NDArray[np.float32],
     rank: NDArray[np.int32],
-    buffer: _Buffer,
+    buffer: Buffer,
     start: NDArray[np.int64],
     end: NDArray[np.int64],
 ) -> None:
@@ -284,7 +214,7 @@ def _build(
 
 @compiled
 def _add_to_leaf(
-    buffer: _Buffer,
+    buffer: Buffer,
     begin: int,
     end: int,
     feature: int,

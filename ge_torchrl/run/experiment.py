@@ -5,11 +5,9 @@ from __future__ import annotations
 import logging
 import time
 import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 
 from ge_torchrl import __version__
@@ -20,22 +18,18 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.errors import GrammarError, RunFaultError, UserError
-from ge_torchrl.refiners.protocol import FIRST, Effort, Refined, Refiner
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.allowance import Allowance, Phase
 from ge_torchrl.run.closing import closing_text
-from ge_torchrl.run.costs import Rationed, refinement_cost
+from ge_torchrl.run.costs import refinement_cost
 from ge_torchrl.run.loop import Search
 from ge_torchrl.run.plan import Plan, plan
 from ge_torchrl.run.progress import Progress, print_line
-from ge_torchrl.run.recording import (
-    generation_record,
-    refinement_records,
-    write_untested,
-    write_verdict,
-)
+from ge_torchrl.run.recording import generation_record, refinement_records, write_untested, write_verdict
+from ge_torchrl.run.refining import refiners_of
 from ge_torchrl.run.remaining import fraction_after_search
+from ge_torchrl.run.telling import warnings_told
 from ge_torchrl.run.warming import compile_kernels
 from ge_torchrl.search.conclusion import (
     TEST,
@@ -55,7 +49,6 @@ from ge_torchrl.search.state import Events, SearchState
 from ge_torchrl.search.symmetry import check_mirror
 from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller
-from ge_torchrl.trees.tree import DecisionTree
 
 _logger = logging.getLogger(__name__)
 
@@ -107,7 +100,7 @@ class _Run:
         self.console, self.started = console, started
         self.folder = RunFolder.create(output_dir, self.config)
         self.backend = backend
-        refiner, polisher = _refiners(self.config, backend)
+        refiner, polisher = refiners_of(self.config, backend)
         self.problem = Problem(self.config, planned.tables, backend, refiner, polisher, planned.mirror)
         self.allowance = Allowance.of(
             self.config, started, backend.spec.max_episode_steps, rounds=self.problem.rounds
@@ -126,7 +119,7 @@ class _Run:
             f"{self.backend.name} route",
         )
         with ExitStack() as opened:
-            opened.enter_context(_warnings_told(self.warnings, console))
+            opened.enter_context(warnings_told(self.warnings, console))
             for note in self.notes:
                 _logger.warning("%s", note)
             self.history = opened.enter_context(self.folder.history_writer())
@@ -304,60 +297,3 @@ class _Run:
             width=self.console.width if self.console.is_terminal else None,
         )
         self.console.print(text, soft_wrap=True)
-
-
-def _refiners(config: Config, backend: Backend) -> tuple[Refiner | None, Refiner | None]:
-    """Return the refiner and the polisher of a configuration."""
-    from ge_torchrl.refiners.local_search import LocalSearch
-
-    polisher = LocalSearch(backend, config.polish, "polish") if config.polish.enabled else None
-    if config.refiner.method == "none":
-        return None, polisher
-    if config.refiner.method == "cmaes":
-        return LocalSearch(backend, config.polish, "refinement"), polisher
-    return Rationed(_PPO(backend, config), backend, config), polisher
-
-
-class _PPO:
-    """Refines by PPO. Torch, which takes seconds, is loaded for the first tree: the first generations do not wait."""
-
-    def __init__(self, backend: Backend, config: Config) -> None:
-        self._backend, self._config = backend, config
-        self._loaded: Refiner | None = None
-
-    def refine(
-        self, trees: Sequence[DecisionTree], rngs: Sequence[np.random.Generator], effort: Effort = FIRST
-    ) -> list[Refined]:
-        """Refine trees; see `Refiner`."""
-        if self._loaded is None:
-            from ge_torchrl.refiners.rl.refiner import PPORefiner
-
-            self._loaded = PPORefiner(self._backend, self._config.refiner.ppo, "refinement")
-        return self._loaded.refine(trees, rngs, effort)
-
-
-@contextmanager
-def _warnings_told(told: list[str], console: Console) -> Iterator[None]:
-    """Show each warning of the package once, and keep it for the summary."""
-    handler = _Teller(told, console)
-    logger = logging.getLogger("ge_torchrl")
-    propagates = logger.propagate
-    logger.addHandler(handler)
-    logger.propagate = False
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
-        logger.propagate = propagates
-
-
-class _Teller(logging.Handler):
-    def __init__(self, told: list[str], console: Console) -> None:
-        super().__init__(logging.WARNING)
-        self._told, self._console = told, console
-
-    def emit(self, record: logging.LogRecord) -> None:
-        text = record.getMessage()
-        if text not in self._told:
-            self._told.append(text)
-            print_line(self._console, f"warning: {text}")

@@ -17,7 +17,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.costs import NOTHING, Cost
-from ge_torchrl.run.remaining import Estimate, Pace, duration
+from ge_torchrl.run.remaining import Estimate, Pace, duration, rate
 
 # The table shows the generations that brought something new, and the last one.
 _SHOWN_ROWS = 12
@@ -221,7 +221,7 @@ class Progress:
             _NODES: "-" if record.best_decision_nodes is None else str(record.best_decision_nodes),
             _REFINED: f"{record.refined:,}",
             _POLISHED: f"{record.polished:,}",
-            _RATE: _rate(self._pace(record).steps_per_second),
+            _RATE: rate(self._pace(record).steps_per_second),
             _LEFT: duration(self._left_after[record.generation]),
         }
         return [cells[title] for title in self._columns]
@@ -293,10 +293,3 @@ def _described(record: RefinementRecord) -> str:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
-
-
-def _rate(per_second: float) -> str:
-    for unit, size in (("M", 1e6), ("k", 1e3)):
-        if per_second >= size:
-            return f"{per_second / size:.1f} {unit}"
-    return f"{per_second:.0f}"

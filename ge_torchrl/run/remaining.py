@@ -114,6 +114,14 @@ def duration(seconds: float | None) -> str:
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
+def rate(per_second: float) -> str:
+    """Return how many a second, in thousands or millions where it is as many: `30.6 k`."""
+    for unit, size in (("M", 1e6), ("k", 1e3)):
+        if per_second >= size:
+            return f"{per_second / size:.1f} {unit}"
+    return f"{per_second:.0f}"
+
+
 def fraction_after_search(config: Config) -> float:
     """Return the share of a run's time that everything after the last generation takes, as its budgets tell.
 
