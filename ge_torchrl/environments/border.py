@@ -29,6 +29,21 @@ _SCALARS = (int, np.float64, np.float32)
 Action: TypeAlias = int | list[float]
 
 
+def random_action(spec: EnvironmentSpec, rng: np.random.Generator) -> Action:
+    """Draw an action, uniform; normal in an entry that lacks a bound, and cut to the one that it has.
+
+    Args:
+        spec: The environment.
+        rng: Source of randomness.
+    """
+    if not spec.is_continuous:
+        return int(rng.integers(spec.n_actions))
+    return [
+        float(rng.uniform(low, high) if math.isfinite(high - low) else min(max(rng.normal(), low), high))
+        for low, high in spec.names.action_bounds
+    ]
+
+
 class Witness:
     """What was seen of an environment that it had not said of itself.
 
@@ -143,15 +158,6 @@ class Border:
         values: list[float] = self.array.tolist()
         self._note(values)
         return values
-
-    def draw(self, rng: np.random.Generator) -> Action:
-        """Return a random action, uniform; normal in an entry that has no bounds."""
-        if not self._is_continuous:
-            return int(rng.integers(self._spec.n_actions))
-        return [
-            float(rng.normal() if high - low >= _LARGEST else rng.uniform(low, high))
-            for low, high in self.action_bounds
-        ]
 
     def step(self, action: Action) -> tuple[list[float], float, bool, bool]:
         """Take an action: its number, counted from 0, or its entries [A], which are cut to their bounds.

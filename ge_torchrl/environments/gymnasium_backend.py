@@ -20,7 +20,7 @@ from ge_torchrl.environments.backend import (
     Trajectory,
     available_cores,
 )
-from ge_torchrl.environments.border import Witness
+from ge_torchrl.environments.border import Witness, random_action
 from ge_torchrl.environments.gymnasium_runner import Jobs, LedgerWatch, Played, Runner, Watch
 from ge_torchrl.environments.gymnasium_workers import Workers, portable
 from ge_torchrl.environments.spec import EnvironmentSpec
@@ -101,7 +101,7 @@ class GymnasiumBackend(Accountable):
             if ended:
                 border.reset(next(seeds))
                 episodes += 1
-            _, _, terminated, truncated = border.step(border.draw(rng))
+            _, _, terminated, truncated = border.step(random_action(self.spec, rng))
             ended = terminated or truncated
         steps_per_second = (step - _PROBED_STEPS + 1) / (time.perf_counter() - started)
         border.watched_by(self._runner.witness)

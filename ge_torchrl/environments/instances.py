@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.border import Border, Witness, random_action
 from ge_torchrl.environments.spec import EnvironmentSpec
 
 ROOM = 2 * 1024**3
@@ -53,11 +53,11 @@ def _size(spec: EnvironmentSpec) -> int:
             return _taken() - before
 
 
-def _begin(border: Border) -> None:
+def _begin(spec: EnvironmentSpec, border: Border) -> None:
     rng = np.random.default_rng(0)
     border.reset(0)
     for _ in range(_STEPS):
-        _, _, terminated, truncated = border.step(border.draw(rng))
+        _, _, terminated, truncated = border.step(random_action(spec, rng))
         if terminated or truncated:
             break
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.border import Border, Witness, random_action
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.seeding import episode_seeds, stream
 
@@ -100,7 +100,7 @@ def _episode(border: Border, spec: EnvironmentSpec) -> list[Any]:
     rng = stream(0, "the actions of an episode that is played twice")
     told: list[Any] = [border.reset(_REPEATED_SEED)]
     for _ in range(_REPEATED_STEPS):
-        outcome = border.step(_random_action(spec, rng))
+        outcome = border.step(random_action(spec, rng))
         told.append(outcome)
         if outcome[2] or outcome[3]:
             break
@@ -146,19 +146,19 @@ def _policy(
 ) -> _Policy:
     """Return the policy of an episode: trembling, persistent or a tree, in turn."""
     if episode % 3 == 0 or len(seen) < _BEFORE_TREES:
-        return lambda _: _random_action(spec, rng)
+        return lambda _: random_action(spec, rng)
     if episode % 3 == 1:
         return _persistent(spec, rng)
     return _tree(spec, rng, seen, 2)
 
 
 def _persistent(spec: EnvironmentSpec, rng: np.random.Generator) -> _Policy:
-    action = _random_action(spec, rng)
+    action = random_action(spec, rng)
 
     def act(_: NDArray[np.float32]) -> Any:
         nonlocal action
         if rng.random() < _NEW_ACTION_PROBABILITY:
-            action = _random_action(spec, rng)
+            action = random_action(spec, rng)
         return action
 
     return act
@@ -168,23 +168,12 @@ def _tree(
     spec: EnvironmentSpec, rng: np.random.Generator, seen: list[NDArray[np.float32]], depth: int
 ) -> _Policy:
     if depth == 0:
-        action = _random_action(spec, rng)
+        action = random_action(spec, rng)
         return lambda _: action
     feature = int(rng.integers(spec.n_features))
     threshold = seen[int(rng.integers(len(seen)))][feature]
     left, right = _tree(spec, rng, seen, depth - 1), _tree(spec, rng, seen, depth - 1)
     return lambda observation: (left if observation[feature] < threshold else right)(observation)
-
-
-def _random_action(spec: EnvironmentSpec, rng: np.random.Generator) -> Any:
-    """Draw an action: between its bounds, or about 0 where it has none."""
-    if not spec.is_continuous:
-        return int(rng.integers(spec.n_actions))
-    low, high = spec.action_low, spec.action_high
-    drawn = rng.normal(size=spec.n_actions)
-    bounded = np.isfinite(low) & np.isfinite(high)
-    drawn[bounded] = rng.uniform(low[bounded].astype(np.float64), high[bounded].astype(np.float64))
-    return np.clip(drawn, low, high).astype(np.float32)
 
 
 def _range(

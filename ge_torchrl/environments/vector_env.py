@@ -23,7 +23,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import available_cores
-from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.border import Border, Witness, random_action
 from ge_torchrl.environments.gymnasium_workers import portable, unpack
 from ge_torchrl.environments.shared_arrays import Arrays, Memory
 from ge_torchrl.environments.spec import EnvironmentSpec
@@ -269,7 +269,7 @@ def _paying_processes(spec: EnvironmentSpec, n: int) -> int:
     while (elapsed := time.perf_counter() - started) < _TRIAL_SECONDS:
         if ended:
             border.reset(steps)
-        _, _, terminated, truncated = border.step(border.draw(rng))
+        _, _, terminated, truncated = border.step(random_action(spec, rng))
         ended = terminated or truncated
         steps += 1
     border.close()
