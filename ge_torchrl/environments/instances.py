@@ -46,10 +46,10 @@ def _fitting(size: int) -> int | None:
 def _size(spec: EnvironmentSpec) -> int:
     """Return what a further copy takes [bytes]; modules and what copies share come with the first."""
     with closing(Border(spec, Witness(spec))) as first:
-        _begin(first)
+        _begin(spec, first)
         before = _taken()
         with closing(Border(spec, Witness(spec))) as second:
-            _begin(second)
+            _begin(spec, second)
             return _taken() - before
 
 
