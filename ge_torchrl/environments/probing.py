@@ -1,12 +1,14 @@
 """What play shows of an environment: the range of each feature, whether episodes end, whether seeds are obeyed.
 
-Everything here depends on the environment alone, with always as many steps, so that every run of it finds the same.
+Everything here depends on the environment alone, with always as many steps, so that every run of it finds the same;
+only of very slow environments fewer steps are made.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
@@ -19,7 +21,10 @@ from ge_torchrl.environments.border import Border, Witness, random_action
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.seeding import episode_seeds, stream
 
-PROBED_STEPS = 3000
+_PROBED_STEPS = 3000
+# Where the first steps take longer [s], all of them would take a quarter of a minute or more.
+_TIMED_STEPS, _TIMED_SECONDS = 100, 0.5
+_PROBED_STEPS_WHERE_SLOW = 600
 # Episodes are cut here, so that several are seen; one that did not end may well never end.
 _LONGEST_EPISODE = 500
 # Steps before trees act, whose thresholds are among what was observed.
@@ -52,6 +57,7 @@ class Probe:
         outside: A value of each feature that was seen outside its declared bounds.
         longest: Steps of the longest episode.
         ended: Whether every episode ended before it was cut.
+        steps: How many observations all this is from.
     """
 
     ranges: tuple[tuple[float, float], ...]
@@ -61,6 +67,7 @@ class Probe:
     outside: dict[int, float]
     longest: int
     ended: bool
+    steps: int
 
     @property
     def limit(self) -> int:
@@ -109,23 +116,28 @@ def _episode(border: Border, spec: EnvironmentSpec) -> list[Any]:
 
 def _play(spec: EnvironmentSpec) -> Probe:
     rng, witness = stream(0, "probe of the environment"), Witness(spec)
-    seeds = iter(episode_seeds("training", PROBED_STEPS, stream(0, "episodes of the probe")).tolist())
+    seeds = iter(episode_seeds("training", _PROBED_STEPS, stream(0, "episodes of the probe")).tolist())
     seen: list[NDArray[np.float32]] = []
-    lengths, ended_all, episode = [0], True, 0
+    lengths, ended_all, episode, n_steps = [0], True, 0, _PROBED_STEPS
     with closing(Border(spec, witness)) as border:
-        while len(seen) < PROBED_STEPS:
+        started = time.perf_counter()
+        while len(seen) < n_steps:
             border.reset(next(seeds))
             seen.append(border.array.copy())
             policy = _policy(episode, spec, rng, seen)
             length, ended = 0, False
-            while not ended and length < _LONGEST_EPISODE and len(seen) < PROBED_STEPS:
+            while not ended and length < _LONGEST_EPISODE and len(seen) < n_steps:
                 _, _, terminated, truncated = border.step(policy(seen[-1]))
                 seen.append(border.array.copy())
                 length, ended = length + 1, terminated or truncated
+                # One of two: either may be the first of an episode.
+                is_timed = len(seen) in {_TIMED_STEPS, _TIMED_STEPS + 1}
+                if is_timed and time.perf_counter() - started > _TIMED_SECONDS:
+                    n_steps = _PROBED_STEPS_WHERE_SLOW
             ended_all &= ended or length < _LONGEST_EPISODE
             lengths.append(length)
             episode += 1
-    observed = np.array(seen[:PROBED_STEPS])
+    observed = np.array(seen[:n_steps])
     ranges = tuple(_range(spec, feature, column, witness) for feature, column in enumerate(observed.T))
     binary = tuple(
         feature for feature, column in enumerate(observed.T) if np.unique(column).tolist() == [0.0, 1.0]
@@ -138,6 +150,7 @@ def _play(spec: EnvironmentSpec) -> Probe:
         witness.outside,
         max(lengths),
         ended_all,
+        n_steps,
     )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from typing import Any
 
 import gymnasium as gym
@@ -197,6 +199,7 @@ def _make(
 ) -> GymEnvironment:
     given = dict(kwargs) if render_mode is None else {**kwargs, "render_mode": render_mode}
     try:
+        _register_plugin(environment_id)
         # Our own border checks what comes back, and names the seed, step and action with it.
         environment: GymEnvironment = gym.make(
             environment_id, max_episode_steps=max_episode_steps, disable_env_checker=True, **given
@@ -206,6 +209,8 @@ def _make(
             f"env.id={environment_id} needs packages that are not installed ({one_line(error)}); "
             f'for Box2D environments: pip install -c constraints.txt -e ".[box2d]"'
         ) from error
+    except gym.error.DeprecatedEnv as error:
+        raise EnvironmentFaultError(f"env.id={environment_id}: {one_line(error)}") from error
     except (gym.error.Error, ImportError) as error:
         raise EnvironmentFaultError(
             f"env.id must be the id of an installed Gymnasium environment, as in env.id=CartPole-v1, with the module "
@@ -220,6 +225,19 @@ def _make(
     for wrapper in wrappers:
         environment = _wrapped(environment, wrapper)
     return environment
+
+
+def _register_plugin(environment_id: str) -> None:
+    """Let a package register its environments where it does so by an entry point, which Gymnasium 1 no longer calls."""
+    module, name = environment_id.rpartition(":")[0], registered_id(environment_id)
+    if not module or name in gym.registry:
+        return
+    importlib.import_module(module)
+    if name not in gym.registry:
+        package = module.partition(".")[0]
+        for plugin in entry_points(group="gymnasium.envs"):
+            if plugin.module.partition(".")[0] == package:
+                plugin.load()()
 
 
 def _wrapped(environment: GymEnvironment, wrapper: str) -> GymEnvironment:

@@ -82,14 +82,33 @@ def one_line(value: object) -> str:
 
 
 def _observation_remedy(space: spaces.Space[Any], environment_id: str, wrappers: Sequence[str]) -> str:
-    if not space.is_np_flattenable:
-        return ""
+    if not _is_flattenable(space):
+        return _remedy_of_parts(space, wrappers)
     typed = _typed(wrappers, "gymnasium.wrappers:FlattenObservation")
     n = math.prod(spaces.flatten_space(space).shape or ())
     flattened = f"{typed} makes one, of {n} numbers"
     if "ALE/" in environment_id and isinstance(space, spaces.Box):
         return f"{flattened}; env.kwargs.obs_type=ram makes one of 128"
     return flattened
+
+
+def _remedy_of_parts(space: spaces.Space[Any], wrappers: Sequence[str]) -> str:
+    """Return what to type where some parts of a Dict have no flat form, such as a sentence."""
+    parts = space.items() if isinstance(space, spaces.Dict) else ()
+    keys = [key for key, part in parts if _is_flattenable(part)]
+    if not keys:
+        return ""
+    kept = f"gymnasium.wrappers:FilterObservation {{filter_keys: [{', '.join(keys)}]}}"
+    typed = _typed((*wrappers, kept), "gymnasium.wrappers:FlattenObservation")
+    return f"{typed} makes one of those parts that are numbers"
+
+
+def _is_flattenable(space: spaces.Space[Any]) -> bool:
+    try:
+        return space.is_np_flattenable
+    except NotImplementedError:
+        # So Gymnasium answers for a space that somebody else wrote.
+        return False
 
 
 def _action_remedy(space: spaces.Space[Any], wrappers: Sequence[str]) -> str:

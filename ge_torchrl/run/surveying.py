@@ -10,8 +10,9 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import agrees_with_gymnasium
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend, has_kernel
-from ge_torchrl.environments.probing import PROBED_STEPS, Probe, obeys_seeds, probe
+from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
+from ge_torchrl.report.tables import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +42,13 @@ class Survey:
         for what, names in (("arguments", spec.names.kwargs), ("wrappers", spec.names.wrappers)):
             if names:
                 yield f"{what:<13} {', '.join(f'{n}={names[n]}' if isinstance(names, dict) else n for n in names)}"
-        yield f"observation   {spec.n_features} numbers"
+        yield f"observation   {counted(spec.n_features, 'number')}"
         yield f"action        {self._actions()}"
         yield f"limit         {self._limit()}"
         yield f"solved at     {'no threshold' if spec.solved_at is None else f'a mean return of {spec.solved_at:g}'}"
         yield f"seeds         {'obeyed: the same seed gives the same episode' if self.obeys_seeds else 'ignored'}"
         outside = ", ".join(spec.names.features[i] for i in sorted(self.seen.outside))
-        yield f"bounds        {f'untrue: {outside}' if outside else f'kept in {PROBED_STEPS} steps'}"
+        yield f"bounds        {f'untrue: {outside}' if outside else f'kept in {self.seen.steps} steps'}"
         yield f"kernel        {self._kernel()}"
         for route, speed in self.speeds.items():
             yield f"{'speed':<13} {float(f'{speed:.2g}'):,.0f} steps a second, {route}"
@@ -60,7 +61,7 @@ class Survey:
             f"{name} from {low:g} to {high:g}"
             for name, (low, high) in zip(names.actions, names.action_bounds, strict=True)
         )
-        return f"{len(names.actions)} numbers: {', '.join(entries)}"
+        return f"{counted(len(names.actions), 'number')}: {', '.join(entries)}"
 
     def _limit(self) -> str:
         if self.spec.has_limit:
@@ -86,7 +87,9 @@ class Survey:
                 (seen.seen_low[i], seen.seen_high[i]),
                 seen.ranges[i],
             )
-            rows.append((name, spec.names.units[i], *(f"{low:.4g} to {high:.4g}" for low, high in spans)))
+            rows.append(
+                (name, spec.names.units[i], *(f"{low + 0.0:.4g} to {high + 0.0:.4g}" for low, high in spans))
+            )
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             yield "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()

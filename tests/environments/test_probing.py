@@ -77,3 +77,11 @@ def test_an_episode_that_does_not_end_is_noticed(kind, ended, limit):
 )
 def test_whether_seeds_are_obeyed(environment_id, obeys):
     assert obeys_seeds(describe(environment_id)) is obeys
+
+
+def test_of_a_slow_environment_fewer_steps_are_made(monkeypatch):
+    spec = describe("CartPole-v1")
+    assert probe(spec).steps == 3000
+    probing._probes.clear()
+    monkeypatch.setattr(probing, "_TIMED_SECONDS", 0.0)
+    assert probe(spec).steps == 600

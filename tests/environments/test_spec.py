@@ -1,3 +1,5 @@
+from importlib.metadata import EntryPoint
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -166,6 +168,34 @@ def test_an_unknown_id_is_told_of_the_module_that_registers_it():
         EnvironmentFaultError, match=r"the module that registers it in front .*env.id=module:Name-v0"
     ):
         describe("FlappyBird-v77")
+
+
+def test_a_version_that_is_out_of_date_is_told_with_the_one_to_type():
+    with (
+        pytest.warns(DeprecationWarning, match="out of date"),
+        pytest.raises(EnvironmentFaultError, match=r"^env\.id=LunarLander-v2: .*`LunarLander-v3`"),
+    ):
+        describe("LunarLander-v2")
+
+
+def test_a_package_may_register_its_environments_by_an_entry_point(monkeypatch):
+    """As MinAtar does; Gymnasium 1 does not call it."""
+    asked = []
+
+    def declared(group):
+        asked.append(group)
+        return [
+            EntryPoint("other", "another_package:no_function", group),
+            EntryPoint("ours", "environments_for_tests:register_plugin", group),
+        ]
+
+    monkeypatch.setattr("ge_torchrl.environments.spec.entry_points", declared)
+    try:
+        assert describe("environments_for_tests:Plugged/Walk-v0").n_features == 2
+        assert describe("environments_for_tests:Plugged/Walk-v0").n_actions == 2
+    finally:
+        del gym.registry["Plugged/Walk-v0"]
+    assert asked == ["gymnasium.envs"], "it is called where the module alone did not register the environment"
 
 
 def test_what_an_environment_raises_while_it_is_made_is_one_line():

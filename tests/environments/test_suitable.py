@@ -17,6 +17,18 @@ from ge_torchrl.environments.wrappers import FlatActions, OneChoice
 from ge_torchrl.errors import EnvironmentFaultError
 
 PLACE = spaces.Box(-1, 1, (2,), np.float32)
+
+
+class SentenceSpace(spaces.Space):
+    """Of a package of its own, such as MiniGrid: it has no flat form and does not say so."""
+
+    def sample(self, mask=None, probability=None):  # noqa: ARG002
+        return "go"
+
+    def contains(self, x):
+        return isinstance(x, str)
+
+
 OBSERVED = {
     "Discrete": (spaces.Discrete(5), 5),
     "MultiDiscrete": (spaces.MultiDiscrete([2, 3]), 5),
@@ -26,6 +38,10 @@ OBSERVED = {
     "picture": (spaces.Box(0, 255, (4, 4, 3), np.uint8), 48),
     "Tuple": (spaces.Tuple([spaces.Discrete(3), PLACE]), 5),
     "Dict": (spaces.Dict({"agent": PLACE, "door": spaces.Discrete(2), "inner": spaces.Dict(at=PLACE)}), 6),
+    "Dict with a sentence": (
+        spaces.Dict({"at": PLACE, "mission": SentenceSpace(), "way": spaces.Discrete(3)}),
+        5,
+    ),
 }
 TAKEN = {
     "MultiDiscrete": (spaces.MultiDiscrete([2, 3]), 6),

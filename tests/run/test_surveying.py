@@ -50,6 +50,11 @@ def test_a_survey_tells_what_is_not_as_it_should_be():
     assert "bounds        untrue: x1" in text
 
 
+def test_one_number_is_one():
+    text = survey(bare("Pendulum-v1")).as_text()
+    assert "action        1 number: a0 from -2 to 2" in text.splitlines()
+
+
 def test_a_survey_tells_arguments_and_wrappers():
     settings = {"kwargs": {"goal_velocity": 0.05}, "wrappers": ("environments_for_tests:DoubledReward",)}
     text = survey(bare("MountainCar-v0", **settings)).as_text()
