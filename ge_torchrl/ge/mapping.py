@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
+from ge_torchrl.ge.buffers import Buffer, Sums, enlarged, forest_of_buffer, room_for
 from ge_torchrl.ge.codons import Codons
-from ge_torchrl.ge.mapping_of_terms import map_with_terms
-from ge_torchrl.ge.rule_tables import ACTION, CHOICE, CONSTANT, END, FEATURE, IF, RANGE, Program, RuleTables
+from ge_torchrl.ge.rule_tables import (
+    ACTION,
+    ANSWER,
+    CHOICE,
+    CONSTANT,
+    END,
+    FEATURE,
+    IF,
+    NEXT,
+    ONE,
+    RANGE,
+    VALUE,
+    Program,
+    Room,
+    RuleTables,
+)
 from ge_torchrl.trees.forest import Forest
-
-# Room for that many splits of each individual to begin with; the buffer grows where it must.
-_LIKELY_SPLITS: Final = 16
 
 
 def map_population(codons: Codons, tables: RuleTables, wraps: int = 0) -> Forest:
@@ -42,72 +52,16 @@ def map_population(codons: Codons, tables: RuleTables, wraps: int = 0) -> Forest
     genotypes = np.ascontiguousarray(codons, np.int32).view(np.uint32)
     n_individuals, genotype_length = genotypes.shape
     n_readable = genotype_length * (wraps + 1)
-    if tables.has_terms:
-        return map_with_terms(genotypes, tables, n_readable)
-    largest_tree = tables.splits_at_start + n_readable * tables.splits_per_choice
-    buffer = _room_for(n_individuals * _LIKELY_SPLITS + largest_tree, n_individuals)
+    room = tables.largest_tree(n_readable)
+    buffer, sums = room_for(n_individuals, room, tables)
     returns = np.empty(n_readable, np.int32)
-    split_start = np.zeros(n_individuals + 1, np.int64)
-    leaf_start = np.zeros(n_individuals + 1, np.int64)
+    starts = np.zeros((4, n_individuals + 1), np.int64)
     mapped = 0
     while mapped < n_individuals:
-        mapped = _map(
-            genotypes,
-            n_readable,
-            tables.program,
-            returns,
-            mapped,
-            largest_tree,
-            buffer,
-            split_start,
-            leaf_start,
-        )
+        mapped = _map(genotypes, n_readable, tables.program, returns, mapped, room, buffer, sums, starts)
         if mapped < n_individuals:
-            buffer = _enlarged(buffer, int(split_start[mapped]), n_individuals)
-    n_splits = split_start[-1]
-    return Forest.axis_aligned(
-        split_start=split_start,
-        leaf_start=leaf_start,
-        feature=buffer.feature[:n_splits].copy(),
-        threshold=buffer.threshold[:n_splits].copy(),
-        children_left=buffer.children[0, :n_splits].copy(),
-        children_right=buffer.children[1, :n_splits].copy(),
-        action=buffer.action[: leaf_start[-1]].copy(),
-    )
-
-
-class _Buffer(NamedTuple):
-    """Where the trees of a population are written: room for `M` splits and for their leaves.
-
-    Attributes:
-        feature: [M] int32.
-        threshold: [M] float32.
-        children: [2, M + 1] int32, left and right; nobody reads the last column.
-        action: [M + P] int32: a tree of `m` splits has `m + 1` leaves.
-    """
-
-    feature: NDArray[np.int32]
-    threshold: NDArray[np.float32]
-    children: NDArray[np.int32]
-    action: NDArray[np.int32]
-
-
-def _room_for(n_splits: int, n_individuals: int) -> _Buffer:
-    return _Buffer(
-        feature=np.empty(n_splits, np.int32),
-        threshold=np.empty(n_splits, np.float32),
-        children=np.empty((2, n_splits + 1), np.int32),
-        action=np.empty(n_splits + n_individuals, np.int32),
-    )
-
-
-def _enlarged(buffer: _Buffer, n_written: int, n_individuals: int) -> _Buffer:
-    larger = _room_for(2 * len(buffer.feature), n_individuals)
-    larger.feature[:n_written] = buffer.feature[:n_written]
-    larger.threshold[:n_written] = buffer.threshold[:n_written]
-    larger.children[:, :n_written] = buffer.children[:, :n_written]
-    larger.action[: len(buffer.action)] = buffer.action
-    return larger
+            buffer, sums = enlarged(buffer, sums)
+    return forest_of_buffer(buffer, sums, starts)
 
 
 @compiled
@@ -117,48 +71,64 @@ def _map(
     program: Program,
     returns: NDArray[np.int32],
     mapped: int,
-    largest_tree: int,
-    buffer: _Buffer,
-    split_start: NDArray[np.int64],
-    leaf_start: NDArray[np.int64],
+    room: Room,
+    buffer: Buffer,
+    sums: Sums | None,
+    starts: NDArray[np.int64],
 ) -> int:
-    """Map individuals from `mapped` on while the largest tree has room; return the first that had none."""
+    """Map individuals from `mapped` on while the largest tree has room; return the first that had none.
+
+    `starts` [4, P + 1] says where the splits, leaves, terms and leaves' terms of each begin.
+    """
     for individual in range(mapped, len(codons)):
-        root, leaf = split_start[individual], leaf_start[individual]
-        if root + largest_tree > len(buffer.feature):
+        split, leaf, term, leaf_term = starts[:, individual]
+        has_room = split + room.splits < len(buffer.threshold) and term + room.terms <= len(buffer.feature)
+        if sums is not None:
+            has_room = has_room and leaf_term + room.terms <= len(sums.leaf_feature)
+        if not has_room:
             return individual
-        n_splits, n_leaves = _derive(codons[individual], n_readable, program, returns, buffer, root, leaf)
-        split_start[individual + 1] = root + n_splits
-        leaf_start[individual + 1] = leaf + n_leaves
+        end = _derive(
+            codons[individual], n_readable, program, returns, buffer, sums, split, leaf, term, leaf_term
+        )
+        starts[0, individual + 1], starts[1, individual + 1] = end[0], end[1]
+        starts[2, individual + 1], starts[3, individual + 1] = end[2], end[3]
     return len(codons)
 
 
 @compiled
-def _derive(
+def _derive(  # noqa: C901, PLR0912, PLR0915 (one loop over the kinds of symbols: all of them share its numbers)
     codons: NDArray[np.uint32],
     n_readable: int,
     program: Program,
     returns: NDArray[np.int32],
-    buffer: _Buffer,
+    buffer: Buffer,
+    sums: Sums | None,
     root: int,
     first_leaf: int,
-) -> tuple[int, int]:
-    """Derive a tree, its splits from row `root` on and its leaves from `first_leaf` on; return their numbers.
+    first_term: int,
+    first_leaf_term: int,
+) -> tuple[int, int, int, int]:
+    """Derive a tree and write its splits, leaves, terms and leaves' terms from these rows on; return where they end.
 
-    An invalid tree has none of either.
+    A derivation that does not end leaves nothing. Where there are no `sums`, every branch that asks for them is left
+    out when this is compiled, so that grammars without them are mapped as quickly as if there were none.
     """
-    splits = leaves = read = position = at = depth = 0
+    read = position = at = depth = entry = 0
+    split, leaf, term, leaf_term = root, first_leaf, first_term, first_leaf_term
+    nowhere = len(buffer.threshold) - 1
     waiting = -1  # The innermost split that has no right child yet; it links to the next outer one.
     # Where the next node is a child; the root is one in the column that nobody reads.
-    side, parent = 0, len(buffer.feature)
-    row = root
+    side, parent = 0, nowhere
+    row = nowhere  # The split whose condition is said; none within a leaf.
+    number = np.float32(1.0)
     while True:
         symbol = at
         kind, argument = program.symbol_kind[symbol], program.symbol_argument[symbol]
         at += 1
+        is_over = False
         if kind in (CHOICE, RANGE):
             if read == n_readable:
-                return 0, 0
+                return root, first_leaf, first_term, first_leaf_term
             position = 0 if position == len(codons) else position
             choice = codons[position] % program.symbol_choices[symbol]
             position += 1
@@ -170,25 +140,87 @@ def _derive(
                 at = program.body_start[program.symbol_first_body[symbol] + choice]
                 continue
             constant = program.range_low[argument] + np.int64(choice) * program.range_step[argument]
-            buffer.threshold[row] = constant / program.range_scale[argument]
+            number = np.float32(constant / program.range_scale[argument])
         elif kind == END:
             depth -= 1
             at = returns[depth]
         elif kind == IF:
-            row = root + splits
-            buffer.children[side, parent] = splits
+            # A tree begins, so the condition in front of it is over; its last number is the threshold.
+            buffer.threshold[row] = number
+            row = split
+            if sums is not None:
+                sums.term_start[row] = term
+            buffer.children[side, parent] = split - root
             buffer.children[1, row] = waiting
-            side, parent, waiting = 0, row, splits
-            splits += 1
+            side, parent, waiting = 0, row, split - root
+            split += 1
         elif kind == FEATURE:
-            buffer.feature[row] = argument
-        elif kind == CONSTANT:
-            buffer.threshold[row] = program.constants[argument]
+            if sums is not None and row == nowhere:
+                leaf_term = _add_to_leaf(sums, leaf, leaf_term, argument, number, entry)
+            else:
+                buffer.feature[term] = argument
+                if sums is not None:
+                    sums.weight[term] = number
+                term += 1
         elif kind == ACTION:
-            buffer.children[side, parent] = ~leaves
-            buffer.action[first_leaf + leaves] = argument
-            leaves += 1
+            buffer.threshold[row] = number
+            row = nowhere
+            buffer.action[leaf] = argument
+            is_over = True
+        elif kind == CONSTANT:
+            number = program.constants[argument]
+        elif sums is not None:
+            if kind == ONE:
+                number = np.float32(1.0)
+            elif kind == ANSWER:
+                buffer.threshold[row] = number
+                row = nowhere
+                sums.leaf_term_start[leaf] = leaf_term
+                sums.value[leaf] = 0.0
+                entry = 0
+            elif kind == VALUE:
+                sums.value[leaf, entry] = number
+            elif kind == NEXT:
+                entry += 1
+                is_over = entry == sums.value.shape[1]
+        if is_over:
+            buffer.children[side, parent] = ~(leaf - first_leaf)
+            leaf += 1
             if waiting < 0:
-                return splits, leaves
+                return split, leaf, term, leaf_term
             side, parent = 1, root + waiting
             waiting = buffer.children[1, parent]
+
+
+@compiled
+def _add_to_leaf(
+    sums: Sums,
+    leaf: int,
+    end: int,
+    feature: int,
+    weight: np.float32,
+    entry: int,
+) -> int:
+    """Add a term to an entry's sum in the last leaf, whose terms reach to `end`; return their new end.
+
+    The terms of a lone entry keep their order. Several entries share terms: these are ordered by feature, each weight
+    stands in the first term of its feature that has none for its entry, and weights of zero are left out.
+    """
+    at = end
+    if sums.leaf_weight.shape[1] > 1:
+        if weight == 0.0:
+            return end
+        for q in range(sums.leaf_term_start[leaf], end):
+            if sums.leaf_feature[q] == feature and sums.leaf_weight[q, entry] == 0.0:
+                sums.leaf_weight[q, entry] = weight
+                return end
+            if sums.rank[sums.leaf_feature[q]] > sums.rank[feature]:
+                at = q
+                break
+        for q in range(end, at, -1):
+            sums.leaf_feature[q] = sums.leaf_feature[q - 1]
+            sums.leaf_weight[q] = sums.leaf_weight[q - 1]
+    sums.leaf_feature[at] = feature
+    sums.leaf_weight[at] = 0.0
+    sums.leaf_weight[at, entry] = weight
+    return end + 1

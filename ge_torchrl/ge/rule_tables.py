@@ -94,6 +94,13 @@ class Program(NamedTuple):
     constants: NDArray[np.float32]
 
 
+class Room(NamedTuple):
+    """Numbers of splits and of terms."""
+
+    splits: int
+    terms: int
+
+
 @dataclass(frozen=True, eq=False)
 class RuleTables:
     """A compiled grammar.
@@ -105,10 +112,9 @@ class RuleTables:
             after those of a kind that its own kind is made of.
         rule_bodies: [R] for each rule the symbols that its bodies begin at.
         ranges: [G] the ranges.
-        splits_at_start: Number of splits in the start's body.
-        splits_per_choice: The largest number of splits in any other body: what one more codon may add.
         has_terms: Whether trees may have weighted sums, or values at their leaves.
-        longest_body: The largest number of symbols in a body.
+        at_start: What the start's body has of splits and terms.
+        per_choice: The largest numbers of them in any other body: what one more codon may add.
         feature_rank: [D] int32, the place of each feature in the sums of leaves of several entries; they share terms,
             which therefore stand in one order: that in which the text names the features.
     """
@@ -118,11 +124,16 @@ class RuleTables:
     rule_kinds: tuple[Kind, ...]
     rule_bodies: tuple[tuple[int, ...], ...]
     ranges: tuple[Constants, ...]
-    splits_at_start: int
-    splits_per_choice: int
     has_terms: bool
-    longest_body: int
+    at_start: Room
+    per_choice: Room
     feature_rank: NDArray[np.int32]
+
+    def largest_tree(self, n_readable: int) -> Room:
+        """Return the splits and the terms that no tree of so many codons has more of."""
+        return Room(
+            *(start + n_readable * more for start, more in zip(self.at_start, self.per_choice, strict=True))
+        )
 
 
 def compile_rules(grammar: Grammar) -> RuleTables:
@@ -151,12 +162,16 @@ def compile_rules(grammar: Grammar) -> RuleTables:
         rule_kinds=tuple(grammar.kinds[rule.name] for rule in rules),
         rule_bodies=tuple(tuple(islice(begins, len(rule.productions))) for rule in rules),
         ranges=tuple(writer.ranges),
-        splits_at_start=start.count((IF, 0)),
-        splits_per_choice=max((body.count((IF, 0)) for body in bodies), default=0),
         has_terms=writer.has_terms,
-        longest_body=max(map(len, [start, *bodies])),
+        at_start=_content(start),
+        per_choice=Room(*map(max, zip(Room(0, 0), *map(_content, bodies), strict=True))),
         feature_rank=np.array(grammar.feature_rank, np.int32),
     )
+
+
+def _content(body: list[_Symbol]) -> Room:
+    kinds = [kind for kind, _ in body]
+    return Room(kinds.count(IF), kinds.count(FEATURE))
 
 
 def _program(bodies: list[list[_Symbol]], rules: list[Rule], writer: _Writer) -> Program:

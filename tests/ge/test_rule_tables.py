@@ -42,7 +42,7 @@ def test_rules_without_a_choice_are_written_out_in_place():
     assert tables.rule_bodies == ((5, 8), (11, 13, 15), (17, 19))
     assert tables.program.body_start.tolist() == [5, 8, 11, 13, 15, 17, 19]
     assert [constants.count for constants in tables.ranges] == [9]
-    assert (tables.splits_at_start, tables.splits_per_choice) == (1, 1)
+    assert (tables.at_start.splits, tables.per_choice.splits) == (1, 1)
 
 
 def test_a_single_choice_is_no_choice():
@@ -60,8 +60,8 @@ def test_the_largest_body_of_a_choice_bounds_a_tree():
     text = """<t> ::= if lt(f0, 0) then <u> else if lt(f0, 1) then a0 else a1
     <u> ::= a0 | if lt(f1, 0) then a0 else if lt(f1, 1) then a1 else if lt(f1, 2) then a2 else <u>"""
     tables = compile_rules(read_grammar(text, FEATURES, ACTIONS))
-    assert (tables.splits_at_start, tables.splits_per_choice) == (2, 3)
-    assert compile_rules(read_grammar("<t> ::= a0", FEATURES, ACTIONS)).splits_per_choice == 0
+    assert (tables.at_start.splits, tables.per_choice.splits) == (2, 3)
+    assert compile_rules(read_grammar("<t> ::= a0", FEATURES, ACTIONS)).per_choice.splits == 0
 
 
 def test_rules_that_double_each_other_are_refused_before_they_fill_the_memory():
