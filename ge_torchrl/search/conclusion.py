@@ -35,7 +35,7 @@ from ge_torchrl.search.fitness import (
     validation_seeds,
 )
 from ge_torchrl.search.problem import Problem
-from ge_torchrl.search.refinement import refine_with_effort
+from ge_torchrl.search.refinement import refine_with_effort, snaps
 from ge_torchrl.search.state import SearchState
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.forest import Forest
@@ -128,7 +128,7 @@ def refine_once_more(problem: Problem, state: SearchState) -> SearchState:
 def _settled(problem: Problem, trees: list[DecisionTree]) -> list[DecisionTree]:
     """Return snapped trees on the best constants near by: snapping rounds each number by itself, but they depend."""
     episodes = problem.config.polish.settling_episodes
-    if episodes == 0 or not problem.config.refiner.write_back:
+    if episodes == 0 or not snaps(problem):
         return trees
     seeds = episode_seeds("training", episodes, stream(problem.config.seed, "settling"))
     grammar, penalty = problem.tables.grammar, problem.config.evaluation.std_penalty

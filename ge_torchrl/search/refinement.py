@@ -106,7 +106,7 @@ def refine_proposals(problem: Problem, proposals: Sequence[Proposal], generation
         trees = _tuned(problem, problem.polisher, started, trees, f"polish, generation {generation}")
         polished = len(trees)
     polish_seconds = time.perf_counter() - polish_started if polished else 0.0
-    if problem.config.refiner.write_back:
+    if snaps(problem):
         trees = [snapped(problem, tree) for tree in trees]
     fitness = measure(
         problem.backend,
@@ -123,6 +123,11 @@ def refine_proposals(problem: Problem, proposals: Sequence[Proposal], generation
         polished,
         polish_seconds,
     )
+
+
+def snaps(problem: Problem) -> bool:
+    """Tell whether refined trees are kept on the grammar's constants: not where the end rounds them by their return."""
+    return problem.config.refiner.write_back and not problem.rounds
 
 
 def snapped(problem: Problem, tree: DecisionTree) -> DecisionTree:
@@ -189,11 +194,11 @@ def _refined(
     results = _batches(problem, refiner, refinements, trees, name)
     accepted = _accepted(problem, trees, [one.tree for one in results], generation)
     settings = problem.config.refiner
-    snaps = [_on_constants(problem, tree) if settings.write_back else None for tree in accepted]
+    on_constants = [_on_constants(problem, tree) if settings.write_back else None for tree in accepted]
     rng = stream(problem.config.seed, f"measuring, generation {generation}")
     fitness = measure(
         problem.backend,
-        Forest.stack([*trees, *accepted, *(tree for tree in snaps if tree is not None)]),
+        Forest.stack([*trees, *accepted, *(tree for tree in on_constants if tree is not None)]),
         episode_seeds("training", settings.measuring_episodes, rng),
         MEASURING,
         problem.config.evaluation.std_penalty,
@@ -209,8 +214,8 @@ def _refined(
             outcome=_outcome(results[i].training, fitness[i], fitness[n + i]),
             fitness_before=fitness[i],
             fitness_after=fitness[n + i],
-            snapped=snaps[i],
-            fitness_snapped=None if snaps[i] is None else next(of_snapped),
+            snapped=on_constants[i],
+            fitness_snapped=None if on_constants[i] is None else next(of_snapped),
             seconds=seconds,
         )
         for i, refinement in enumerate(refinements)
@@ -256,7 +261,7 @@ def _outcome(training: TrainingRecord | None, before: float, after: float) -> st
 def refine_with_effort(
     problem: Problem, refiner: Refiner, trees: Sequence[DecisionTree], effort: Effort, name: str
 ) -> list[DecisionTree]:
-    """Return what a refiner makes of trees, snapped where refined trees are written back.
+    """Return what a refiner makes of trees, snapped where refined trees are kept so.
 
     Args:
         problem: What is searched.
@@ -267,4 +272,4 @@ def refine_with_effort(
     """
     rngs = [stream(problem.config.seed, f"{name}, tree {i}") for i in range(len(trees))]
     tuned = [one.tree for one in refiner.refine(trees, rngs, effort)]
-    return [snapped(problem, tree) for tree in tuned] if problem.config.refiner.write_back else tuned
+    return [snapped(problem, tree) for tree in tuned] if snaps(problem) else tuned

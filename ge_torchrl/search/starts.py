@@ -9,16 +9,16 @@ that shows early. So several run side by side, the better ones go on, and the la
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.backend import Backend
+from ge_torchrl.environments.backend import Backend, Limit, LimitReachedError
 from ge_torchrl.refiners.local_search import spread_of
 from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.refiners.strategy import Strategy
@@ -43,15 +43,14 @@ _GO_ON: Final = (1.0, 0.5, 0.33, 0.0, 0.0)
 _PARTS: Final = (0.25, 0.18, 0.22, 0.175, 0.175)
 # Episodes that tell after a round who goes on.
 _JUDGED_ON: Final = 20
-# A race may take this part of what a limit leaves: two of them 0.6 together, and a machine that is half as fast as it
-# was at the start still comes to the end of the first, since of a race that a limit breaks off nothing is kept.
+# A race may take this part of what a limit leaves: two of them 0.6 together.
 _OF_WHAT_IS_LEFT: Final = 0.35
 # Trees that show how far features spread, and steps of each.
 _PROBING_TREES, _PROBING_STEPS = 16, 250
 
 
 def dense_starts(problem: Problem, population: Population, generation: int) -> list[Contender]:
-    """Return the best trees of a race; none where no race is due.
+    """Return the best trees of a race; none where no race is due, or where a limit leaves no room for one.
 
     Args:
         problem: What is searched.
@@ -61,10 +60,9 @@ def dense_starts(problem: Problem, population: Population, generation: int) -> l
     Raises:
         LimitReachedError: The backend's limit was reached first.
     """
-    timesteps = _affordable(problem)
-    if not problem.races_in(generation) or timesteps == 0:
+    if not problem.races_in(generation):
         return []
-    config, spec = problem.config, problem.backend.spec
+    backend, config, spec = problem.backend, problem.config, problem.backend.spec
     rng = stream(config.seed, f"dense starts, generation {generation}")
     half_range = 0.5 * (spec.action_high.astype(np.float64) - spec.action_low)
     shapes = Shapes(
@@ -76,9 +74,17 @@ def dense_starts(problem: Problem, population: Population, generation: int) -> l
         linear=problem.has_linear_leaves,
         most_splits=min(MOST_SPLITS, config.archive.max_nodes),
     )
-    trees = race(problem.backend, shapes, problem.mirror, config.starts.count, timesteps, rng)
+    limit = backend.limit
+    backend.limit = _its_part(limit, backend.steps.total())
+    try:
+        timesteps = config.starts.max_timesteps or 0
+        trees = race(backend, shapes, problem.mirror, config.starts.count, timesteps, rng)
+    finally:
+        backend.limit = limit
+    if not trees:
+        return []
     fitness = measure(
-        problem.backend,
+        backend,
         Forest.stack(trees),
         training_seeds(config, generation),
         STARTS,
@@ -87,16 +93,15 @@ def dense_starts(problem: Problem, population: Population, generation: int) -> l
     return [Contender(tree, float(value), START) for tree, value in zip(trees, fitness, strict=True)]
 
 
-def _affordable(problem: Problem) -> int:
-    """Return the steps of a race, as many as are asked for or as a limit leaves room for."""
-    asked, limit = problem.config.starts.max_timesteps or 0, problem.backend.limit
+def _its_part(limit: Limit | None, done: int) -> Limit | None:
+    """Return how far a race may go after so many steps of the run, so that others have their turn before the limit."""
     if limit is None:
-        return asked
-    speed = problem.config.evaluation.steps_per_second or math.inf
-    left = (limit.deadline - time.perf_counter()) * speed
-    if limit.max_env_steps is not None:
-        left = min(left, limit.max_env_steps - problem.backend.steps.total())
-    return int(min(asked, max(0.0, _OF_WHAT_IS_LEFT * left)))
+        return None
+    now, most = time.perf_counter(), limit.max_env_steps
+    return Limit(
+        now + _OF_WHAT_IS_LEFT * (limit.deadline - now),
+        None if most is None else done + int(_OF_WHAT_IS_LEFT * (most - done)),
+    )
 
 
 def _spread(problem: Problem, population: Population, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -122,6 +127,28 @@ class Lane:
     last: float = -np.inf
 
 
+class _Purse:
+    """What a race may still take: its steps, or fewer where a limit of the backend leaves room for fewer.
+
+    Of a limit in seconds there are as many as the race makes at the speed that it has had so far: it is another for
+    each tree, and for each machine's load.
+    """
+
+    def __init__(self, backend: Backend, timesteps: int) -> None:
+        self._backend, self._timesteps = backend, timesteps
+        self._started, self._first = time.perf_counter(), backend.steps.total()
+
+    def left(self) -> float:
+        total, now, limit = self._backend.steps.total(), time.perf_counter(), self._backend.limit
+        done = total - self._first
+        left: float = self._timesteps - done
+        if limit is not None and limit.max_env_steps is not None:
+            left = min(left, limit.max_env_steps - total)
+        if limit is not None and done > 0:
+            left = min(left, (limit.deadline - now) * done / (now - self._started))
+        return max(0.0, left)
+
+
 def race(
     backend: Backend,
     shapes: Shapes,
@@ -130,7 +157,9 @@ def race(
     timesteps: int,
     rng: np.random.Generator,
 ) -> list[DecisionTree]:
-    """Race dense starts, and return the trees of those that came into its second half, the best first.
+    """Race dense starts, and return the trees of those that came to its end, the best first.
+
+    Where the backend's limit breaks it off, those come back that were still in it.
 
     Args:
         backend: Measures trees, and counts its steps.
@@ -139,17 +168,17 @@ def race(
         n_starts: How many starts there are.
         timesteps: Environment steps of the race.
         rng: Of all its randomness.
-
-    Raises:
-        LimitReachedError: The backend's limit was reached first.
     """
     lanes = [Lane(_strategy(backend, shapes, mirror, stream)) for stream in rng.spawn(n_starts)]
-    for share, part in zip(_GO_ON, _PARTS, strict=True):
-        lanes = lanes[: max(1, round(share * n_starts))]
-        for lane in lanes:
-            lane.strategy.advance(int(part * timesteps / len(lanes)))
-        lanes = _judged(backend, lanes, rng)
-    return [lane.strategy.tree for lane in lanes]
+    purse = _Purse(backend, timesteps)
+    with suppress(LimitReachedError):
+        for heat, share in enumerate(_GO_ON):
+            lanes = lanes[: max(1, round(share * n_starts))]
+            for place, lane in enumerate(lanes):
+                of_what_is_left = _PARTS[heat] / (sum(_PARTS[heat:]) - _PARTS[heat] * place / len(lanes))
+                lane.strategy.advance(int(of_what_is_left / len(lanes) * purse.left()))
+            lanes = _judged(backend, lanes, rng)
+    return [lane.strategy.tree for lane in lanes if lane.strategy.rounds > 0]
 
 
 def _strategy(backend: Backend, shapes: Shapes, mirror: Mirror | None, rng: np.random.Generator) -> Strategy:
