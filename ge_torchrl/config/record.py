@@ -93,11 +93,12 @@ class Config(Section):
         plain: dict[str, Any] = _plain(asdict(self))
         return plain
 
-    def resolved(self, steps_per_second: float) -> "Config":
+    def resolved(self, steps_per_second: float, *, has_sums: bool = False) -> "Config":
         """Return the configuration with everything that was left open decided by the environment's speed.
 
         Args:
             steps_per_second: Environment steps a second of small trees.
+            has_sums: Whether the grammar weighs features, so that dense starts are raced.
         """
         free = steps_per_second >= _NEARLY_FREE
         values = _decided(self, free=free)
@@ -106,6 +107,9 @@ class Config(Section):
             values["archive"] |= dict.fromkeys(_PROPOSALS, 0)
         if not free and self.ge.max_env_steps is None and self.ge.max_seconds is None:
             values["ge"]["max_env_steps"] = max(1, int(float(f"{_DEAR_SECONDS * steps_per_second:.2g}")))
+        if has_sums and self.starts.max_env_steps is not None:
+            most = values["ge"]["max_env_steps"] or math.inf
+            values["ge"]["max_env_steps"] = min(most, self.starts.max_env_steps)
         if self.starts.max_timesteps is None:
             values["starts"]["max_timesteps"] = self._race_steps(values["ge"], steps_per_second, free=free)
         values["evaluation"]["steps_per_second"] = float(f"{steps_per_second:.2g}")

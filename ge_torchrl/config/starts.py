@@ -34,6 +34,13 @@ class StartsConfig(Section):
         doc="Environment steps of a race; null takes 3 million where steps are nearly free, and elsewhere so large a "
         "part of what the run may take that all races together have 0.6 of it.",
     )
+    max_env_steps: int | None = setting(
+        None,
+        at_least=1,
+        because="a run is more than its races",
+        doc="Environment steps that a run with dense starts may take, where `ge.max_env_steps` lets it take more; "
+        "null: as many as that says.",
+    )
     rounding_episodes: int = setting(
         200,
         at_least=0,

@@ -109,6 +109,11 @@ class Grammar:
         is_linear = any(entry.added for entries in self.leaf_offers for entry in entries)
         return "linear" if is_linear else "constant"
 
+    @property
+    def has_sums(self) -> bool:
+        """Whether it weighs features, in splits or in leaves."""
+        return self.splits == "oblique" or self.leaves == "linear"
+
 
 def read_grammar(
     text: str, features: Sequence[str], actions: Sequence[str], *, continuous: bool = False

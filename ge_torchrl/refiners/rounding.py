@@ -30,6 +30,8 @@ _PARTS: Final = ((0.08, 1000), (0.25, 3), (1.0, 1))
 # on all episodes hardly less.
 _CLEARLY: Final = 1.5
 _HARDLY: Final = 0.3
+# A thousandth of the return is hardly anything, however sure it is.
+_NEXT_TO_NOTHING: Final = 1e-3
 
 
 class Rounding:
@@ -112,7 +114,8 @@ class Rounding:
 
 def _is_worse(returns: NDArray[np.float64], than: NDArray[np.float64], errors: float) -> bool:
     difference = returns - than
-    return bool(difference.mean() < -errors * difference.std() / np.sqrt(len(difference)))
+    error = difference.std() / np.sqrt(len(difference))
+    return bool(difference.mean() < -max(errors * error, _NEXT_TO_NOTHING * abs(than.mean())))
 
 
 def scaled(tree: DecisionTree, spread: NDArray[np.float64]) -> DecisionTree:

@@ -95,7 +95,9 @@ class _Run:
         self, planned: Plan, backend: Backend, output_dir: Path, console: Console, started: float
     ) -> None:
         given = planned.config.evaluation.steps_per_second
-        self.config = planned.config.resolved(backend.steps_per_second if given is None else given)
+        self.config = planned.config.resolved(
+            backend.steps_per_second if given is None else given, has_sums=planned.tables.grammar.has_sums
+        )
         self.names, self.notes = planned.spec.names, planned.notes
         self.console, self.started = console, started
         self.folder = RunFolder.create(output_dir, self.config)

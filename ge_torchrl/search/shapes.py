@@ -19,6 +19,9 @@ from ge_torchrl.trees.tree import DecisionTree
 MOST_SPLITS: Final = 3
 """Splits of the largest start."""
 
+# How often leaves that might be linear are constants: some tasks are done best by full force this way or that.
+_CONSTANT_PROBABILITY: Final = 0.5
+
 _Weights = dict[int, float]
 # The features that a sum is of: all, or those parts of it that keep or change their sign in the mirror.
 _WHOLE, _EVEN, _ODD = "whole", "even", "odd"
@@ -103,20 +106,22 @@ class Shapes:
         """Return a leaf, or a split or two between leaves."""
         mirror = self.mirror
         if mirror is None:
-            tree = self._leaf(rng)
+            linear = self.linear and rng.random() >= _CONSTANT_PROBABILITY
+            tree = self._leaf(rng, linear=linear)
             for _ in range(int(rng.integers(min(2, self.most_splits) + 1))):
-                tree = self._split(self._sum(_WHOLE, rng), rng.normal(), self._leaf(rng), tree)
+                leaf = self._leaf(rng, linear=linear)
+                tree = self._split(self._sum(_WHOLE, rng), rng.normal(), leaf, tree)
             return tree
         kind = int(rng.integers(3)) if self.most_splits > 0 else 0
         if kind == 1 and (odd := self._sum(_ODD, rng)):
-            value, linear = self._values(rng)
-            image = _image_of_leaf(mirror, value, linear)
+            value, terms = self._values(rng, linear=self.linear)
+            image = _image_of_leaf(mirror, value, terms)
             return self._split(
-                odd, 0.0, DecisionTree.value_leaf(value, linear), DecisionTree.value_leaf(*image)
+                odd, 0.0, DecisionTree.value_leaf(value, terms), DecisionTree.value_leaf(*image)
             )
-        tree = self._leaf(rng)
+        tree = self._leaf(rng, linear=self.linear)
         if kind == 2 and (even := self._sum(_EVEN, rng)):
-            tree = self._split(even, rng.normal(), self._leaf(rng), tree)
+            tree = self._split(even, rng.normal(), self._leaf(rng, linear=self.linear), tree)
         return tree
 
     def _split(
@@ -149,21 +154,23 @@ class Shapes:
         halves = {f: 0.5 * (w + side * image[f]) for f, w in weights.items()}
         return {f: w for f, w in halves.items() if w != 0}
 
-    def _leaf(self, rng: np.random.Generator) -> DecisionTree:
+    def _leaf(self, rng: np.random.Generator, *, linear: bool) -> DecisionTree:
         """Return a leaf of random values, its own image where there is a mirror."""
-        value, linear = self._values(rng)
+        value, terms = self._values(rng, linear=linear)
         if self.mirror is not None:
-            image_value, image_linear = _image_of_leaf(self.mirror, value, linear)
+            image_value, image_terms = _image_of_leaf(self.mirror, value, terms)
             value = [0.5 * (one + other) for one, other in zip(value, image_value, strict=True)]
-            linear = {
-                f: [0.5 * (one + other) for one, other in zip(weights, image_linear[f], strict=True)]
-                for f, weights in linear.items()
+            terms = {
+                f: [0.5 * (one + other) for one, other in zip(weights, image_terms[f], strict=True)]
+                for f, weights in terms.items()
             }
-        return DecisionTree.value_leaf(value, {f: weights for f, weights in linear.items() if any(weights)})
+        return DecisionTree.value_leaf(value, {f: weights for f, weights in terms.items() if any(weights)})
 
-    def _values(self, rng: np.random.Generator) -> tuple[list[float], dict[int, list[float]]]:
+    def _values(
+        self, rng: np.random.Generator, *, linear: bool
+    ) -> tuple[list[float], dict[int, list[float]]]:
         value = _as_floats(rng.normal(size=self.n_actions) * self.half_range)
-        if not self.linear:
+        if not linear:
             return value, {}
         drawn = (
             rng.normal(size=(len(self.spread), self.n_actions)) * self.half_range / self.spread[:, np.newaxis]

@@ -248,3 +248,14 @@ def test_races_of_dense_starts_have_their_part_of_what_a_run_may_take(ge, steps)
     assert config.resolved(20_000).starts.max_timesteps == pytest.approx(steps, rel=0.05)
     given = dataclasses.replace(config, starts=StartsConfig(max_timesteps=7))
     assert given.resolved(20_000).starts.max_timesteps == 7
+
+
+@pytest.mark.parametrize(
+    ("asked", "most"), [(None, 90_000), (50_000, 50_000), (100_000, 90_000), (0, 90_000)]
+)
+def test_a_run_with_dense_starts_may_take_less_than_another(asked, most):
+    config = Config.from_mapping(
+        {**VALUES, "ge": {**VALUES["ge"], "max_env_steps": asked}, "starts": {"max_env_steps": 90_000}}
+    )
+    assert config.resolved(20_000, has_sums=True).ge.max_env_steps == most
+    assert config.resolved(20_000).ge.max_env_steps == (3_600_000 if asked is None else asked)

@@ -53,6 +53,17 @@ def test_a_tree_that_everything_matters_to_stays_as_it_is():
     assert rounded(measure=measure) == LONG
 
 
+def test_a_thousandth_of_the_return_is_not_worth_a_digit_and_more_is():
+    def losing(loss):
+        def measure(forest, seeds):
+            return np.array([[100.0 - loss * (tree != LONG)] * len(seeds) for tree in forest.trees()])
+
+        return measure
+
+    assert len(rounded(measure=losing(0.09)).feature) == 1
+    assert rounded(measure=losing(0.11)) == LONG
+
+
 def test_where_nothing_matters_a_split_keeps_the_term_without_which_it_is_none():
     def measure(forest, seeds):
         return np.zeros((len(forest), len(seeds)))

@@ -48,3 +48,9 @@ def test_the_search_has_what_is_not_needed_after_it():
         allowance({"max_env_steps": 10**6}, archive=KEEPING, evaluation=few).ends[Phase.FINAL_REFINEMENT]
         < 0.98
     )
+
+
+def test_rounding_has_a_larger_part_than_a_last_refinement():
+    config = config_of(ge={"max_env_steps": 10_000}, archive=KEEPING, evaluation=MANY)
+    ends = Allowance.of(config, 0.0, 500, rounds=True).ends
+    assert ends[Phase.FINAL_REFINEMENT] - ends[Phase.SEARCH] == pytest.approx(0.2)
