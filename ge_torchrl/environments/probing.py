@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
@@ -41,7 +41,8 @@ _QUANTILES = (0.005, 0.995)
 _REPEATED_STEPS = 50
 _REPEATED_SEED = 7
 
-_Policy = Callable[[NDArray[np.float32]], Any]
+Policy = Callable[[NDArray[np.float32]], Any]
+"""Answers an observation [D] with an action."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,16 +157,16 @@ def _play(spec: EnvironmentSpec) -> Probe:
 
 def _policy(
     episode: int, spec: EnvironmentSpec, rng: np.random.Generator, seen: list[NDArray[np.float32]]
-) -> _Policy:
+) -> Policy:
     """Return the policy of an episode: trembling, persistent or a tree, in turn."""
     if episode % 3 == 0 or len(seen) < _BEFORE_TREES:
         return lambda _: random_action(spec, rng)
     if episode % 3 == 1:
         return _persistent(spec, rng)
-    return _tree(spec, rng, seen, 2)
+    return random_tree(spec, rng, seen, 2)
 
 
-def _persistent(spec: EnvironmentSpec, rng: np.random.Generator) -> _Policy:
+def _persistent(spec: EnvironmentSpec, rng: np.random.Generator) -> Policy:
     action = random_action(spec, rng)
 
     def act(_: NDArray[np.float32]) -> Any:
@@ -177,15 +178,23 @@ def _persistent(spec: EnvironmentSpec, rng: np.random.Generator) -> _Policy:
     return act
 
 
-def _tree(
-    spec: EnvironmentSpec, rng: np.random.Generator, seen: list[NDArray[np.float32]], depth: int
-) -> _Policy:
+def random_tree(
+    spec: EnvironmentSpec, rng: np.random.Generator, seen: Sequence[NDArray[np.float32]], depth: int
+) -> Policy:
+    """Return a full tree of random splits and actions.
+
+    Args:
+        spec: The environment.
+        rng: Source of randomness.
+        seen: Observations, among which thresholds are chosen.
+        depth: Of the tree; 0 for one action.
+    """
     if depth == 0:
         action = random_action(spec, rng)
         return lambda _: action
     feature = int(rng.integers(spec.n_features))
     threshold = seen[int(rng.integers(len(seen)))][feature]
-    left, right = _tree(spec, rng, seen, depth - 1), _tree(spec, rng, seen, depth - 1)
+    left, right = random_tree(spec, rng, seen, depth - 1), random_tree(spec, rng, seen, depth - 1)
     return lambda observation: (left if observation[feature] < threshold else right)(observation)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.kernel_backend import has_kernel
+from ge_torchrl.environments.mirroring import check_mirror, refuse_what_is_refuted
 from ge_torchrl.environments.probing import obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
 from ge_torchrl.ge.generating import choose_grammar
@@ -44,7 +45,7 @@ def plan(config: Config) -> Plan:
     Raises:
         EnvironmentFaultError: The environment is unknown or unsuitable, or has no such route.
         GrammarError: The grammar text breaks a rule.
-        ConfigError: A mirror is declared that there cannot be.
+        ConfigError: A mirror is declared that there cannot be, or that the environment does not have.
     """
     spec = describe_settings(config.env)
     if config.env.route == "kernel":
@@ -68,6 +69,8 @@ def plan(config: Config) -> Plan:
         config = replace(config, grammar=replace(config.grammar, bnf=chosen.text, name=_GENERATED))
     symmetry = config.env.symmetry
     mirror = Mirror.declared(symmetry, spec.names) if symmetry else None
+    if mirror is not None:
+        refuse_what_is_refuted(check_mirror(spec, symmetry, mirror))
     return Plan(config, spec, compile_rules(chosen.grammar), tuple(notes), mirror)
 
 

@@ -10,8 +10,10 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import agrees_with_gymnasium
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend, has_kernel
+from ge_torchrl.environments.mirroring import Verdict, check_mirror
 from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
+from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.report.tables import counted
 
 
@@ -24,6 +26,7 @@ class Survey:
         seen: What play showed.
         obeys_seeds: Whether the same seed gives the same episode twice.
         agrees: Whether the kernel's steps are those of the installed Gymnasium; None where there is no kernel.
+        mirror: What was found of the declared mirror; None where none is declared.
         speeds: Environment steps a second by route: one process of Gymnasium, the kernel on all its threads.
     """
 
@@ -31,6 +34,7 @@ class Survey:
     seen: Probe
     obeys_seeds: bool
     agrees: bool | None
+    mirror: Verdict | None
     speeds: dict[str, float]
 
     def as_text(self) -> str:
@@ -49,6 +53,9 @@ class Survey:
         yield f"seeds         {'obeyed: the same seed gives the same episode' if self.obeys_seeds else 'ignored'}"
         outside = ", ".join(spec.names.features[i] for i in sorted(self.seen.outside))
         yield f"bounds        {f'untrue: {outside}' if outside else f'kept in {self.seen.steps} steps'}"
+        if self.mirror is not None:
+            fault = self.mirror.fault
+            yield f"mirror        {f'does not hold: {fault}' if fault else f'holds: {self.mirror.found}'}"
         yield f"kernel        {self._kernel()}"
         for route, speed in self.speeds.items():
             yield f"{'speed':<13} {float(f'{speed:.2g}'):,.0f} steps a second, {route}"
@@ -100,6 +107,7 @@ def survey(config: Config) -> Survey:
 
     Raises:
         EnvironmentFaultError: It is unknown, unsuitable or at fault.
+        ConfigError: A mirror is declared that there cannot be.
     """
     spec = describe_settings(config.env)
     seen, seeds = probe(spec), obeys_seeds(spec)
@@ -110,4 +118,6 @@ def survey(config: Config) -> Survey:
     if agrees:
         with closing(KernelBackend(spec, config.evaluation.threads)) as kernel:
             speeds["kernel"] = kernel.steps_per_second
-    return Survey(spec, seen, seeds, agrees, speeds)
+    symmetry = config.env.symmetry
+    mirror = check_mirror(spec, symmetry, Mirror.declared(symmetry, spec.names)) if symmetry else None
+    return Survey(spec, seen, seeds, agrees, mirror, speeds)

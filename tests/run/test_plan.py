@@ -3,7 +3,7 @@ import pytest
 from environments_for_tests import CountdownEnv, EndlessEnv, StillEnv, UnseededEnv, register
 from problems_for_tests import BNF, FEATURES, config_of
 
-from ge_torchrl.errors import EnvironmentFaultError, GrammarError
+from ge_torchrl.errors import ConfigError, EnvironmentFaultError, GrammarError
 from ge_torchrl.run.plan import plan
 
 
@@ -93,6 +93,16 @@ def test_an_environment_without_a_limit_gets_one_and_a_word_about_it():
 def test_an_environment_that_ignores_its_seeds_is_told():
     (note,) = plan(any_environment(register(UnseededEnv), max_episode_steps=50)).notes
     assert note.startswith("TestUnseededEnv-v0 ignores reset(seed=...)")
+
+
+def test_a_mirror_that_the_environment_does_not_have_is_refused_with_figures():
+    mirror = {"negate": list(FEATURES), "actions": {"left": "right"}}
+    assert plan(config_of(env={"symmetry": mirror})).mirror is not None
+    with pytest.raises(
+        ConfigError, match=r"^env\.symmetry does not hold: .* type '~env\.symmetry'"
+    ) as raised:
+        plan(config_of(env={"symmetry": {**mirror, "negate": FEATURES[:3]}}))
+    assert "\n" not in str(raised.value)
 
 
 def test_a_feature_that_does_not_vary_is_not_tested():

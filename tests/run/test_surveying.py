@@ -55,6 +55,18 @@ def test_one_number_is_one():
     assert "action        1 number: a0 from -2 to 2" in text.splitlines()
 
 
+@pytest.mark.parametrize(
+    ("negated", "said"),
+    [
+        (["x0", "x1", "x2", "x3"], "mirror        holds: "),
+        (["x2", "x3"], "mirror        does not hold: in the mirror of (x0 = "),
+    ],
+)
+def test_a_survey_tells_of_a_declared_mirror(negated, said):
+    text = survey(bare("CartPole-v1", symmetry={"negate": negated, "actions": {"a0": "a1"}})).as_text()
+    assert any(line.startswith(said) for line in text.splitlines())
+
+
 def test_a_survey_tells_arguments_and_wrappers():
     settings = {"kwargs": {"goal_velocity": 0.05}, "wrappers": ("environments_for_tests:DoubledReward",)}
     text = survey(bare("MountainCar-v0", **settings)).as_text()
