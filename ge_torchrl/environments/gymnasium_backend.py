@@ -34,6 +34,9 @@ _logger = logging.getLogger(__name__)
 
 # Random steps that look for untrue bounds, always as many, so that what is found is the same in every run.
 _PROBED_STEPS = 200
+# Of a slow environment these are all: of one whose first so many steps take longer [s].
+_FIRST_STEPS = 20
+_FIRST_SECONDS = 0.5
 # Then so many are timed, or as many as half a second takes.
 _TIMED_STEPS = 2000
 _TIMED_SECONDS = 0.5
@@ -90,20 +93,23 @@ class GymnasiumBackend(Accountable):
     def _probe(self) -> tuple[float, float]:
         """Act at random; return the steps a second of one process, and the mean length of an episode."""
         border, rng, seeds = self._runner.border, np.random.default_rng(0), itertools.count()
-        ended, episodes, started = True, 0, 0.0
+        ended, episodes, started = True, 0, time.perf_counter()
+        n_probed = _PROBED_STEPS
         for step in range(_PROBED_STEPS + _TIMED_STEPS):
-            if step == _PROBED_STEPS:
+            if step == _FIRST_STEPS and time.perf_counter() - started > _FIRST_SECONDS:
+                n_probed = min(n_probed, _FIRST_STEPS)
+            if step == n_probed:
                 # How many steps are timed depends on the clock: what the rest of a run knows must not.
                 border.watched_by(Witness(self.spec))
                 started = time.perf_counter()
-            if step > _PROBED_STEPS and time.perf_counter() - started > _TIMED_SECONDS:
+            if step > n_probed and time.perf_counter() - started > _TIMED_SECONDS:
                 break
             if ended:
                 border.reset(next(seeds))
                 episodes += 1
             _, _, terminated, truncated = border.step(random_action(self.spec, rng))
             ended = terminated or truncated
-        steps_per_second = (step - _PROBED_STEPS + 1) / (time.perf_counter() - started)
+        steps_per_second = (step - n_probed + 1) / (time.perf_counter() - started)
         border.watched_by(self._runner.witness)
         self._runner.witness.report()
         return steps_per_second, (step + 1) / episodes

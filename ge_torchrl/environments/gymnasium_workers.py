@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
 import math
@@ -220,6 +221,12 @@ class _Worker:
         self.sent = sent
         self.runner: Runner | None = None
 
+    def close(self) -> None:
+        """Close the environment: a simulator may have processes and files of its own."""
+        runner, self.runner = self.runner, None
+        if runner is not None:
+            runner.close()
+
 
 _worker: list[_Worker] = []
 
@@ -228,7 +235,9 @@ def _start(sent: bytes, board: _Board) -> None:
     # Ctrl-C is for the calling process, which ends its workers; without it they end too.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _worker.append(_Worker(sent, board))
+    worker = _Worker(sent, board)
+    _worker.append(worker)
+    atexit.register(worker.close)
 
 
 def _end_with_parent() -> None:

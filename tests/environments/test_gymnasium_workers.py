@@ -9,6 +9,7 @@ import faulty_environments as faulty
 import numpy as np
 import pytest
 from environments_for_tests import (
+    ClosingEnv,
     SlowEnv,
     WalkEnv,
     register,
@@ -95,6 +96,14 @@ def test_a_worker_that_dies_is_one_line_and_later_calls_begin_anew(open_gymnasiu
     assert "\n" not in str(caught.value)
     # So few episodes are played in this process.
     assert backend.evaluate(forest, np.arange(3), "fitness").env_steps == 9
+
+
+def test_environments_in_worker_processes_are_closed(open_gymnasium, monkeypatch, tmp_path):
+    monkeypatch.setenv("TEST_CLOSED_IN", str(tmp_path))
+    backend = open_gymnasium(ClosingEnv, workers=2)
+    backend.evaluate(Forest.stack([leaf(0)]), np.arange(200), "fitness")
+    backend.close()
+    assert {int(path.name) for path in tmp_path.iterdir()} - {os.getpid()}
 
 
 def unpicklable():

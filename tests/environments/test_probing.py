@@ -20,6 +20,7 @@ from ge_torchrl.environments.spec import describe
 @pytest.fixture(autouse=True)
 def forgetful(monkeypatch):
     monkeypatch.setattr(probing, "_probes", {})
+    monkeypatch.setattr(probing, "_obedient", {})
 
 
 @pytest.mark.parametrize(
@@ -79,9 +80,15 @@ def test_whether_seeds_are_obeyed(environment_id, obeys):
     assert obeys_seeds(describe(environment_id)) is obeys
 
 
-def test_of_a_slow_environment_fewer_steps_are_made(monkeypatch):
-    spec = describe("CartPole-v1")
-    assert probe(spec).steps == 3000
-    probing._probes.clear()
-    monkeypatch.setattr(probing, "_TIMED_SECONDS", 0.0)
-    assert probe(spec).steps == 600
+@pytest.mark.parametrize("n_steps", [100, 600])
+def test_of_a_slow_environment_fewer_steps_are_made_and_that_is_said(monkeypatch, caplog, n_steps):
+    monkeypatch.setattr(probing, "_PROBED_STEPS_WHERE_SLOW", ((0.0, n_steps),))
+    found = probe(describe("CartPole-v1"))
+    assert found.steps == n_steps
+    assert f"it is looked at for {n_steps} steps before the run" in caplog.text
+
+
+def test_a_slow_episode_is_repeated_in_part(monkeypatch):
+    monkeypatch.setattr(probing, "_REPEATED_SECONDS", 0.0)
+    assert obeys_seeds(describe("CartPole-v1"))
+    assert not obeys_seeds(describe(register(UnseededEnv)))

@@ -1,6 +1,8 @@
 """Small well-behaved Gymnasium environments that do one thing."""
 
+import os
 import time
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -209,6 +211,13 @@ class Float64EchoEnv(EchoEnv):
     """Takes float64."""
 
     action_space = gym.spaces.Box(np.array([-1, -2]), np.array([0.3, np.inf]), dtype=np.float64)
+
+
+class ClosingEnv(CountdownEnv):
+    """Leaves a file in a folder when it is closed."""
+
+    def close(self):
+        (Path(os.environ["TEST_CLOSED_IN"]) / str(os.getpid())).touch()
 
 
 class DoubledReward(gym.Wrapper):
