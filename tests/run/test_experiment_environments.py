@@ -4,7 +4,7 @@ import re
 
 import gymnasium as gym
 import pytest
-from environments_for_tests import CountdownEnv
+from environments_for_tests import CountdownEnv, UnseededEnv
 from faulty_environments import (
     LATE_FAULTS,
     DyingLateEnv,
@@ -17,6 +17,7 @@ from walks_for_tests import BNF, registered
 
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.report.evaluation import evaluate
 from ge_torchrl.seeding import episode_seeds, stream
 
 
@@ -64,7 +65,34 @@ class TestOwnEnvironments:
         assert_untested(RunFolder(tmp_path / "run"))
         assert gym.registry.get("Walk-v0") is None
 
-    @pytest.mark.parametrize("fault", ["column", "scalar", "array reward", "no reward", "infinite reward"])
+    def test_one_that_ignores_its_seeds_is_told_before_anything_else(self, tmp_path):
+        with registered(UnseededEnv) as env:
+            summary, output = run(own({**env, "max_episode_steps": 20}), tmp_path / "run")
+        told = "Walk-v0 ignores reset(seed=...): the same seed gives another episode each time"
+        assert output.splitlines()[1].startswith(f"warning: {told}")
+        assert [warning.startswith(told) for warning in summary.warnings].count(True) == 1
+
+    def test_arguments_and_limit_decide_the_route_and_travel_with_the_tree(self, tmp_path):
+        """MountainCar with a goal that asks for speed, and twice the steps to reach it."""
+        env = {"id": "MountainCar-v0", "features": [], "units": [], "actions": [], "solved_at": None}
+        env |= {"kwargs": {"goal_velocity": 0.05}, "max_episode_steps": 400}
+        always_left = {"bnf": "<if> ::= if lt(x0, [-4, 4] step 0.5) then a0 else a0"}
+        tiny = config(
+            env=env,
+            grammar=always_left,
+            ge={"generations": 1, "population_size": 2},
+            evaluation={"episodes": 1, "validation_episodes": 2, "test_episodes": 2},
+            archive={"episodes": 1},
+        )
+        summary, _ = run(tiny, tmp_path / "run")
+        assert (summary.route, summary.test_mean) == ("gymnasium", -400)
+        (tmp_path / "run" / "best_tree.json").rename(tmp_path / "elsewhere.json")
+        again = evaluate(tmp_path / "elsewhere.json", 2, 0)
+        assert (again.route, again.mean) == ("gymnasium", -400)
+
+    @pytest.mark.parametrize(
+        "fault", ["column", "long", "scalar", "array reward", "no reward", "infinite reward"]
+    )
     def test_whatever_comes_back_is_told_in_one_line_and_the_best_tree_is_kept(self, tmp_path, fault):
         class Late(LateFaultEnv):
             """Breaks its word in the first test episode."""
