@@ -6,6 +6,7 @@ all sources on the floors that have kernels: an edit there compiles anew, unchan
 one of the processor too: two processors that share a folder could take each other's files.
 """
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -21,6 +22,8 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 # Kernels live on these floors and take functions and constants from them alone.
 _FLOORS_WITH_KERNELS = ("trees", "ge", "environments")
+# The ending of an empty file, named after a kind of run.
+_CALLED = ".called"
 
 
 @functools.cache
@@ -79,6 +82,14 @@ def _compiled(function: _Function, *, forceinline: bool) -> _Function:
     return cast("_Function", dispatcher)
 
 
-def is_compiled_before() -> bool:
-    """Tell whether this version's kernels are compiled for this processor; if not, the first call takes seconds."""
-    return any(cache_directory().rglob("*.nbi"))
+def is_compiled_before(kind: str) -> bool:
+    """Tell whether runs of a kind found this version's kernels compiled for this processor, or compiled them."""
+    return (cache_directory() / f"{kind}{_CALLED}").exists()
+
+
+def note_compiled(kind: str) -> None:
+    """Remember that the kernels which runs of a kind call are compiled."""
+    # Where nothing can be written, nothing is cached either.
+    with contextlib.suppress(OSError):
+        cache_directory().mkdir(parents=True, exist_ok=True)
+        (cache_directory() / f"{kind}{_CALLED}").touch()

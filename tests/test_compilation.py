@@ -79,10 +79,21 @@ def test_what_another_processor_compiled_is_not_compiled_before(package, monkeyp
     kernels = directory()
     kernels.mkdir(parents=True)
     (kernels / "kernel.nbi").touch()
-    assert compilation.is_compiled_before()
+    assert not compilation.is_compiled_before("sums"), "these may be the kernels of another kind of run"
+    compilation.note_compiled("sums")
+    assert compilation.is_compiled_before("sums")
+    assert not compilation.is_compiled_before("actions")
     monkeypatch.setattr(numba_config, "CPU_NAME", "nehalem")
     assert directory() != kernels
-    assert not compilation.is_compiled_before()
+    assert not compilation.is_compiled_before("sums")
+
+
+@pytest.mark.usefixtures("package")
+def test_where_nothing_can_be_written_nothing_is_remembered(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
+    compilation.note_compiled("sums")
+    assert not compilation.is_compiled_before("sums")
 
 
 def test_cache_lies_beside_the_sources_where_they_can_be_written(package):

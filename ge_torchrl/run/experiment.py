@@ -13,7 +13,6 @@ from rich.console import Console
 from ge_torchrl import __version__
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.artefacts.records import ArchiveRecord, Summary
-from ge_torchrl.compilation import is_compiled_before
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
@@ -30,7 +29,7 @@ from ge_torchrl.run.recording import generation_record, refinement_records, writ
 from ge_torchrl.run.refining import refiners_of
 from ge_torchrl.run.remaining import fraction_after_search
 from ge_torchrl.run.telling import warnings_told
-from ge_torchrl.run.warming import compile_kernels
+from ge_torchrl.run.warming import compile_kernels, is_first_of_its_kind
 from ge_torchrl.search.conclusion import (
     TEST,
     VALIDATION,
@@ -74,7 +73,7 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     started = time.perf_counter()
     planned = plan(config)
     console = console or Console(highlight=False)
-    is_first = not is_compiled_before()
+    is_first = is_first_of_its_kind(planned)
     if is_first:
         console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
     backend = open_backend(planned.spec, config.env.route, config.evaluation.threads, config.env.workers)

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ge_torchrl.compilation import is_compiled_before, note_compiled
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import SoftForest
-from ge_torchrl.environments.kernel_backend import KernelBackend
+from ge_torchrl.environments.kernel_backend import KernelBackend, has_kernel
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.ge.operators import random_population
@@ -33,6 +34,18 @@ _TINY: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
+def is_first_of_its_kind(planned: Plan) -> bool:
+    """Tell whether no run of this kind was on this machine before, so that this one has to compile its kernels."""
+    return not is_compiled_before(_kind(planned))
+
+
+def _kind(planned: Plan) -> str:
+    # Leaves of values, sums and soft trees have kernels of their own, or other types for the same ones.
+    config, grammar = planned.config, planned.tables.grammar
+    route = "kernel" if config.env.route != "gymnasium" and has_kernel(planned.spec) else "gymnasium"
+    return f"{route}-{grammar.splits}-{grammar.leaves}-{config.refiner.method}"
+
+
 def compile_kernels(planned: Plan, route: str) -> None:
     """Call every kernel that a run may call: two tiny generations, of which nothing is kept.
 
@@ -44,6 +57,7 @@ def compile_kernels(planned: Plan, route: str) -> None:
     if route != "kernel":
         codons = random_population(2, config.ge.genotype_length, stream(0, "warming"))
         simplify(map_population(codons, planned.tables, config.ge.wraps), planned.spec.low, planned.spec.high)
+        note_compiled(_kind(planned))
         return
     with closing(KernelBackend(planned.spec, 1)) as backend:
         problem = Problem(
@@ -53,6 +67,7 @@ def compile_kernels(planned: Plan, route: str) -> None:
         step(problem, state)
         if planned.config.refiner.method == "ppo":
             backend.sampler([stream(0, "warming")]).sample(_softest(planned.spec), 1, "warming")
+    note_compiled(_kind(planned))
 
 
 def _tiny(config: Config) -> Config:

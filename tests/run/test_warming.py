@@ -4,6 +4,12 @@ import os
 import subprocess
 import sys
 
+import pytest
+from problems_for_tests import config_of
+
+from ge_torchrl.run.plan import plan
+from ge_torchrl.run.warming import compile_kernels, is_first_of_its_kind
+
 # A process of its own: in this one other tests have called kernels.
 SCRIPT = """
 import sys, tempfile
@@ -39,3 +45,22 @@ def test_a_run_compiles_nothing_more():
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    "another",
+    [
+        {"env": {"route": "gymnasium"}},
+        {"grammar": {"splits": "oblique"}},
+        {"refiner": {"method": "none"}, "polish": {"every": 0}},
+    ],
+    ids=["another route", "sums", "another refiner"],
+)
+def test_each_kind_of_run_compiles_its_kernels_before_its_clock_starts(another, tmp_path, monkeypatch):
+    """A first run of other environments has compiled other kernels."""
+    monkeypatch.setattr("ge_torchrl.compilation.cache_directory", lambda: tmp_path)
+    first, second = plan(config_of(refiner={"method": "cmaes"})), plan(config_of(**another))
+    assert is_first_of_its_kind(first)
+    compile_kernels(first, "kernel")
+    assert not is_first_of_its_kind(first)
+    assert is_first_of_its_kind(second)
