@@ -87,7 +87,10 @@ def main() -> None:
     parser.add_argument("--here", action="store_true", help="with the packages of this Python")
     parser.add_argument("--only", metavar="TEXT", default="", help="those whose id has this; writes no page")
     parser.add_argument(
-        "--runs", metavar="FOLDER", type=Path, help="where the runs go; default: a temporary one"
+        "--runs",
+        metavar="FOLDER",
+        type=Path,
+        help="where the runs go, finished ones stay; default: a temporary one",
     )
     options = parser.parse_args()
     if not options.here:
@@ -118,15 +121,17 @@ def _in_an_environment_of_its_own(words: list[str]) -> None:
 def _row(foreign: Foreign, folder: Path) -> str:
     """Run an environment, and return its row of the table."""
     folder.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "ge_torchrl", *foreign.words, f"hydra.run.dir={folder / 'run'}"]
-    with (folder / "screen.txt").open("w", encoding="utf-8") as screen:
-        # Its own folder: nothing of it may depend on where this was started.
-        done = subprocess.run(command, cwd=folder, stdout=screen, stderr=screen, env=os.environ, check=False)  # noqa: S603
+    found = folder / "run" / "summary.json"
+    if not found.exists():
+        command = [sys.executable, "-m", "ge_torchrl", *foreign.words, f"hydra.run.dir={folder / 'run'}"]
+        with (folder / "screen.txt").open("w", encoding="utf-8") as screen:
+            # Its own folder: nothing of it may depend on where this was started.
+            done = subprocess.run(command, cwd=folder, stdout=screen, stderr=screen, check=False)  # noqa: S603
+        print(f"{foreign.id}: exit status {done.returncode}; {folder / 'screen.txt'}", flush=True)
     told = (folder / "screen.txt").read_text(encoding="utf-8")
-    print(f"{foreign.id}: exit status {done.returncode}; {folder / 'screen.txt'}", flush=True)
-    if done.returncode or "Traceback" in told:
+    if not found.exists() or "Traceback" in told:
         return f"| `{foreign.id}` | {foreign.special} | failed: {told.splitlines()[-1]} |  |  |  |  |  |  |"
-    summary = json.loads((folder / "run" / "summary.json").read_text(encoding="utf-8"))
+    summary = json.loads(found.read_text(encoding="utf-8"))
     features, actions, random = _by_random_actions(foreign)
     return (
         f"| `{foreign.id}` | {foreign.special} | {features:,}, {actions} | {random:.4g} | "

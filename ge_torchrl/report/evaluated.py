@@ -98,7 +98,7 @@ class EvaluatedMethod:
     """All runs of one environment and method.
 
     Attributes:
-        environment: Gymnasium id.
+        environment: Gymnasium id, with arguments, wrappers and limit where there are any.
         method: Such as "GE+PPO".
         max_episode_steps: Limit of an episode's length.
         solved_at: The threshold, or None.

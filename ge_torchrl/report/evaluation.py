@@ -208,7 +208,7 @@ def _evaluate_task(
     means = {tree: float(of.mean()) for tree, of in zip(rivals, validated, strict=True)}
     for method, alike in groupby(runs, key=lambda run: run.method):
         yield EvaluatedMethod(
-            environment=spec.id,
+            environment=spec.names.environment,
             method=method,
             max_episode_steps=spec.max_episode_steps,
             solved_at=spec.solved_at,

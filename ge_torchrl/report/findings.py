@@ -110,7 +110,7 @@ def interval_text(value: float, interval: Interval, n: int) -> str:
 def _title(runs: Sequence[Run]) -> str:
     first = runs[0].summary
     threshold = "" if first.solved_at is None else f", solved from {first.solved_at:g}"
-    return f"**{first.environment} {runs[0].method}** ({first.test_episodes} test episodes{threshold})"
+    return f"**{runs[0].environment} {runs[0].method}** ({first.test_episodes} test episodes{threshold})"
 
 
 def _warnings(runs: Sequence[Run]) -> list[str]:

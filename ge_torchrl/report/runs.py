@@ -47,8 +47,8 @@ class Run:
 
     @property
     def environment(self) -> str:
-        """Gymnasium id."""
-        return self.summary.environment
+        """Its id, with what it was made with besides: runs of another gravity or limit are of another environment."""
+        return self.pruned.names.environment
 
     @property
     def seed(self) -> int:

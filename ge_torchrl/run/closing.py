@@ -6,6 +6,8 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ge_torchrl.artefacts.records import ArchiveRecord, Summary
 from ge_torchrl.report.evaluated import verdict
 from ge_torchrl.report.sizes import by_size, sizes_table, trees_of_archive
@@ -23,8 +25,23 @@ _CHAMPION_FROM = {
 
 def tree_text(controller: Controller) -> str:
     """Return a tree for a person: drawn, then as rules."""
-    drawn = render_text(controller.tree, controller.names)
-    return f"{drawn}\n\n{render_rules(controller.tree, controller.names)}\n"
+    parts = (_drawn(controller), render_rules(controller.tree, controller.names))
+    return "\n\n".join(parts) + "\n"
+
+
+def _drawn(controller: Controller) -> str:
+    """Return a tree drawn, with a line below it where its leaves may answer what lies outside the action's bounds."""
+    tree, names = controller.tree, controller.names
+    drawn, bounds = render_text(tree, names), names.action_bounds
+    if tree.has_actions or not np.isfinite(bounds).any():
+        return drawn
+    low, high = np.array(bounds, np.float32).T
+    if len(tree.leaf_feature) == 0 and ((low <= tree.value) & (tree.value <= high)).all():
+        return drawn
+    spans = [f"{low:.6g} to {high:.6g}" for low, high in bounds]
+    if len(set(spans)) > 1:
+        spans = [f"{name} {span}" for name, span in zip(names.actions, spans, strict=True)]
+    return f"{drawn}\nvalues are clipped to {', '.join(dict.fromkeys(spans))}"
 
 
 def closing_text(
@@ -72,7 +89,7 @@ def closing_text(
     ]
     sizes = by_size(trees_of_archive(archive, summary.seed, summary.decision_nodes))
     parts = [
-        render_text(controller.tree, controller.names),
+        _drawn(controller),
         *([sizes_table(sizes).aligned()] if sizes else []),
         "\n".join(_row(name, text, width) for name, text in rows),
     ]

@@ -60,6 +60,16 @@ class Names:
         object.__setattr__(self, "kwargs", _json_copy("environment.kwargs", self.kwargs))
 
     @property
+    def environment(self) -> str:
+        """The environment in words: its id, and in brackets what it is made with besides."""
+        besides = [
+            *(f"{key}={json.dumps(value)}" for key, value in self.kwargs.items()),
+            *(wrapper.partition(":")[2] or wrapper for wrapper in self.wrappers),
+            *([] if self.max_episode_steps is None else [f"{self.max_episode_steps} steps"]),
+        ]
+        return f"{self.id} ({', '.join(besides)})" if besides else self.id
+
+    @property
     def action_spread(self) -> NDArray[np.float64]:
         """[A] float64, half of the distance between an action's bounds; 1 where it tells nothing."""
         low, high = np.array(self.action_bounds or [(-np.inf, np.inf)] * len(self.actions)).T

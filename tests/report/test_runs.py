@@ -1,9 +1,14 @@
+from dataclasses import replace
+
 import pytest
 from records_for_tests import history, kept, refinement
-from sweeps_for_tests import FULL, PRUNED, write_run
+from sweeps_for_tests import CARTPOLE, FULL, PRUNED, write_run
 
 from ge_torchrl.errors import ArtefactError
+from ge_torchrl.report.findings import overview_table
 from ge_torchrl.report.runs import best_run, gather_runs, read_run, read_runs
+from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.files import write_controller
 
 
 def test_a_run_is_read_in_full(tmp_path):
@@ -55,6 +60,21 @@ def test_runs_come_by_environment_then_method_then_seed(tmp_path):
         ("CartPole-v1", "GE", 1),
     ]
     assert unreadable == ()
+
+
+def test_runs_of_one_id_made_otherwise_are_of_another_environment(tmp_path):
+    for number, made in enumerate([{}, {"kwargs": {"gravity": 1.6}}, {}, {"max_episode_steps": 900}]):
+        path = write_run(tmp_path / str(number), seed=number)
+        write_controller(path / "best_tree.json", Controller(PRUNED, replace(CARTPOLE, **made)))
+    runs, _ = read_runs(tmp_path)
+    assert [(run.environment, run.seed) for run in runs] == [
+        ("CartPole-v1", 0),
+        ("CartPole-v1", 2),
+        ("CartPole-v1 (900 steps)", 3),
+        ("CartPole-v1 (gravity=1.6)", 1),
+    ]
+    told = overview_table(runs)
+    assert "CartPole-v1 (gravity=1.6) GE" in told
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,12 @@
+import math
 from pathlib import Path
 
 from records_for_tests import kept, summary
 from sweeps_for_tests import PRUNED, controller, leaf
 
 from ge_torchrl.run.closing import closing_text, tree_text
+from ge_torchrl.trees.controller import Controller, Names
+from ge_torchrl.trees.tree import DecisionTree
 
 CHAMPION, LEAF = controller(PRUNED), controller(leaf(0))
 
@@ -89,3 +92,20 @@ def test_a_tree_is_drawn_and_told_in_rules():
     drawn, rules = tree_text(CHAMPION).split("\n\n")
     assert drawn.startswith("theta < 0.0154 rad?\n├─ yes: ")
     assert rules.startswith("if theta < 0.0154 rad and theta_dot < 0.229 rad/s then left\n")
+
+
+def rule_of(bounds, constants, slopes):
+    names = Names("Thrust-v0", ("x",), ("",), ("main", "side")[: len(bounds)], action_bounds=bounds)
+    return tree_text(Controller(DecisionTree.value_leaf(constants, slopes), names)).splitlines()[:-2]
+
+
+def test_what_may_lie_outside_an_actions_bounds_is_said_to_be_clipped():
+    assert rule_of([(-2.0, 2.0)], [0.5], {0: [-8.0]}) == [
+        "always main = 0.5 - 8 x",
+        "values are clipped to -2 to 2",
+    ]
+    two = rule_of([(0.0, 1.0), (-math.inf, 0.4)], [0.5, 1.5], {})
+    assert two[1:] == ["values are clipped to main 0 to 1, side -inf to 0.4"]
+    assert rule_of([(-1.0, 1.0), (-1.0, 1.0)], [3, 1], {})[1:] == ["values are clipped to -1 to 1"]
+    assert rule_of([(-1.0, 1.0)], [1.0], {})[1:] == []
+    assert rule_of([(-math.inf, math.inf)], [9.0], {0: [1.0]})[1:] == []
