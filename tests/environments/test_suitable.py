@@ -100,6 +100,23 @@ def test_names_of_a_dict_are_its_keys(of_spaces):
     assert spec.names.features == ("agent_0", "agent_1", "door_0", "door_1", "inner_at_0", "inner_at_1")
 
 
+@pytest.mark.parametrize(
+    ("space", "names"),
+    [
+        (spaces.Discrete(3, start=5), ("state_5", "state_6", "state_7")),
+        (spaces.Tuple([spaces.Discrete(2), PLACE]), ("part0_0", "part0_1", "part1_0", "part1_1")),
+        (spaces.Box(-1, 1, (2, 2), np.float32), ("x_0_0", "x_0_1", "x_1_0", "x_1_1")),
+        (
+            spaces.Dict(at=spaces.Box(-1, 1, (1, 2), np.float32), on=PLACE),
+            ("at_0_0", "at_0_1", "on_0", "on_1"),
+        ),
+        (spaces.MultiBinary(2), ("x0", "x1")),
+    ],
+)
+def test_what_is_flattened_is_named_by_its_place(space, names, of_spaces):
+    assert remedied(of_spaces(observed=space)).names.features == names
+
+
 def test_one_choice_is_every_combination():
     start = np.array([5, 0])
     environment = OneChoice(SpacesEnv(taken=spaces.MultiDiscrete([2, 3], start=start)))
