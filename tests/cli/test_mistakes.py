@@ -14,12 +14,12 @@ CONF = ROOT / "conf"
     [
         (
             ["env=foo"],
-            "env=foo is unknown; expected one of acrobot, cartpole, default, flappybird, lunarlander, mountaincar, ",
+            "env=foo is unknown; expected one of acrobot, cartpole, default, flappybird, lunarlander, ",
         ),
         (["experiment=foo"], "experiment=foo is unknown; expected one of thesis/acrobot, thesis/cartpole, "),
         (["experiment=thesis/foo"], "experiment=thesis/foo is unknown; expected one of thesis/acrobot, "),
         (["hydra/launcher=foo"], "hydra/launcher=foo is unknown; expected one of basic"),
-        (["env=5"], "env must be one of acrobot, cartpole, default, flappybird, lunarlander, mountaincar, "),
+        (["env=5"], "env must be one of acrobot, cartpole, default, flappybird, lunarlander, "),
         (["polish=null"], "polish must be one of none; got null"),
         (["ge=null"], "ge must be a section with keys and values; got None"),
         (["ge=mountaincar"], "ge is no choice of files any more; expected env=NAME, which brings its"),
