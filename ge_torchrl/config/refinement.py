@@ -95,6 +95,13 @@ class PPOConfig(Section):
     straight_through: bool = setting(
         False, doc="Whether splits decide hard in the forward pass and soft in the backward pass."
     )
+    trees_together: int | None = setting(
+        None,
+        at_least=1,
+        because="a batch has a tree",
+        doc="Trees that are trained as one batch; null: 32, and fewer where copies of the environment are large. It "
+        "decides the last bits of what PPO learns.",
+    )
     snapshot_episodes: int = episode_count(
         100,
         at_least=0,

@@ -13,6 +13,10 @@ from ge_torchrl.environments.spec import EnvironmentSpec
 
 ROOM = 2 * 1024**3
 """What the copies of a vector environment may take together, in all processes [bytes]."""
+COPIES = 8
+"""Copies that PPO steps for each tree; a constant, so that a tree's samples do not depend on who is beside it."""
+# Trees that PPO trains as one batch: of fewer, Python takes longer than the numbers; more would not fit into caches.
+_TREES_TOGETHER = 32
 # What a process takes changes by so much of itself; smaller copies are not worth a bound [bytes].
 _SMALLEST = 8 * 1024**2
 _STATM = Path("/proc/self/statm")
@@ -20,6 +24,20 @@ _STATM = Path("/proc/self/statm")
 _STEPS = 10
 
 _measured: dict[tuple[str, str], int | None] = {}
+
+
+def trees_together(spec: EnvironmentSpec, *, copied: bool) -> int:
+    """Return how many trees PPO trains as one batch.
+
+    Args:
+        spec: The environment.
+        copied: Whether it is stepped in copies; kernels sample without.
+
+    Raises:
+        EnvironmentFaultError: The environment is at fault.
+    """
+    copies = copies_that_fit(spec) if copied else None
+    return _TREES_TOGETHER if copies is None else min(_TREES_TOGETHER, max(copies // COPIES, 1))
 
 
 def copies_that_fit(spec: EnvironmentSpec) -> int | None:

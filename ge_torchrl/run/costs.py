@@ -11,6 +11,7 @@ import numpy as np
 
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend
+from ge_torchrl.environments.instances import COPIES
 from ge_torchrl.refiners.protocol import FIRST, Effort, Refined, Refiner
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -20,7 +21,7 @@ _TRAINING_SECONDS_WITH_KERNELS, _TRAINING_SECONDS = 5e-6, 4e-5
 # PPO steps environments in one process, and with more between two steps than plain evaluation.
 _SLOWER = 2
 # Outside kernels a batch of any size takes so long for each step of its eight copies of the environment [s].
-_BATCH_SECONDS, _COPIES = 1.5e-3, 8
+_BATCH_SECONDS = 1.5e-3
 # From this speed on an environment has kernels.
 _KERNELS = 1e6
 # Loading PyTorch takes so long [s].
@@ -73,7 +74,7 @@ def batch_cost(config: Config) -> Cost:
     """Return what a batch takes beside its trees, however many they are."""
     if _steps_per_second(config) >= _KERNELS:
         return NOTHING
-    return Cost(config.refiner.ppo.max_timesteps / _COPIES * _BATCH_SECONDS, 0.0)
+    return Cost(config.refiner.ppo.max_timesteps / COPIES * _BATCH_SECONDS, 0.0)
 
 
 def measuring_cost(config: Config, max_episode_steps: int) -> Cost:

@@ -26,7 +26,7 @@ from ge_torchrl.run.loop import Search
 from ge_torchrl.run.plan import Plan, plan
 from ge_torchrl.run.progress import Progress, print_line
 from ge_torchrl.run.recording import generation_record, refinement_records, write_untested, write_verdict
-from ge_torchrl.run.refining import refiners_of
+from ge_torchrl.run.refining import refiners_of, with_batches
 from ge_torchrl.run.remaining import fraction_after_search
 from ge_torchrl.run.telling import warnings_told
 from ge_torchrl.run.warming import compile_kernels, is_first_of_its_kind
@@ -94,9 +94,8 @@ class _Run:
         self, planned: Plan, backend: Backend, output_dir: Path, console: Console, started: float
     ) -> None:
         given = planned.config.evaluation.steps_per_second
-        self.config = planned.config.resolved(
-            backend.steps_per_second if given is None else given, has_sums=planned.tables.grammar.has_sums
-        )
+        speed, sums = backend.steps_per_second if given is None else given, planned.tables.grammar.has_sums
+        self.config = with_batches(planned.config.resolved(speed, has_sums=sums), backend)
         self.names, self.notes = planned.spec.names, planned.notes
         self.console, self.started = console, started
         self.folder = RunFolder.create(output_dir, self.config)

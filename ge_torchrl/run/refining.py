@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend
+from ge_torchrl.environments.instances import trees_together
 from ge_torchrl.refiners.protocol import FIRST, Effort, Refined, Refiner
 from ge_torchrl.run.costs import Rationed
 from ge_torchrl.trees.tree import DecisionTree
@@ -23,6 +25,15 @@ def refiners_of(config: Config, backend: Backend) -> tuple[Refiner | None, Refin
     if config.refiner.method == "cmaes":
         return LocalSearch(backend, config.polish, "refinement"), polisher
     return Rationed(_PPO(backend, config), backend, config), polisher
+
+
+def with_batches(config: Config, backend: Backend) -> Config:
+    """Return the configuration with PPO's batches decided, so that it can be repeated where there is other memory."""
+    if config.refiner.method != "ppo" or config.refiner.ppo.trees_together is not None:
+        return config
+    together = trees_together(backend.spec, copied=backend.name != "kernel")
+    ppo = replace(config.refiner.ppo, trees_together=together)
+    return replace(config, refiner=replace(config.refiner, ppo=ppo))
 
 
 class _PPO:

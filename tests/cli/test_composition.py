@@ -51,12 +51,14 @@ def test_the_thesis_stays_what_it_was_whatever_becomes_of_the_defaults(experimen
     grammar = read_grammar(thesis["grammar"]["bnf"], thesis["env"]["features"], thesis["env"]["actions"])
     assert (grammar.splits, grammar.leaves) == ("axis", "action"), "nothing starts dense"
     del thesis["starts"]
+    assert thesis["refiner"]["ppo"].pop("trees_together") is None
     assert thesis == golden
 
 
 @pytest.mark.parametrize("name", THESIS)
 def test_the_thesis_refiner_takes_the_table_of_its_environment(experiment, name):
     refiner = config_of(experiment, f"env={name}", "refiner=thesis").as_mapping()["refiner"]
+    assert refiner["ppo"].pop("trees_together") is None
     assert refiner == json.loads(GOLDEN.read_text())[name]["refiner"]
 
 

@@ -16,6 +16,7 @@ from runs_for_tests import assert_untested, config, run
 from walks_for_tests import BNF, registered
 
 from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.environments import instances
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.report.evaluation import evaluate
 from ge_torchrl.seeding import episode_seeds, stream
@@ -89,6 +90,16 @@ class TestOwnEnvironments:
         (tmp_path / "run" / "best_tree.json").rename(tmp_path / "elsewhere.json")
         again = evaluate(tmp_path / "elsewhere.json", 2, 0)
         assert (again.route, again.mean) == ("gymnasium", -400)
+
+    @pytest.mark.parametrize(("asked", "recorded"), [(None, 2), (5, 5)])
+    def test_batches_that_memory_decided_are_in_the_configuration(
+        self, tmp_path, monkeypatch, asked, recorded
+    ):
+        monkeypatch.setattr(instances, "copies_that_fit", lambda _: 16)
+        few = {"method": "ppo", "schedule": {"every": 0}, "ppo": {"trees_together": asked}}
+        with registered(CountdownEnv) as env:
+            run(own({**env, "max_episode_steps": 5}, refiner=few), tmp_path / "run")
+        assert RunFolder(tmp_path / "run").read_config().refiner.ppo.trees_together == recorded
 
     @pytest.mark.parametrize(
         "fault", ["column", "long", "scalar", "array reward", "no reward", "infinite reward"]

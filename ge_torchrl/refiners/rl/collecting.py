@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,11 +13,10 @@ from torch import Tensor
 from torchrl.collectors import Collector
 
 from ge_torchrl.environments.backend import Backend
+from ge_torchrl.environments.instances import COPIES
 from ge_torchrl.environments.torchrl_env import make_torchrl_env
 from ge_torchrl.refiners.rl.actor_critic import SoftTrees, make_actor
 
-COPIES: Final = 8
-"""Copies of the environment for each tree; a constant, so that a tree's samples do not depend on who is beside it."""
 # About so many steps are made between two signs of life.
 _PIECE_STEPS = 2000
 _KEYS = ("observation", "action", "action_log_prob", "next")

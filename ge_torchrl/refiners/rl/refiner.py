@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 import torch
 
 from ge_torchrl.config import PPOConfig
 from ge_torchrl.environments.backend import Backend
-from ge_torchrl.environments.instances import copies_that_fit
+from ge_torchrl.environments.instances import trees_together
 from ge_torchrl.refiners.protocol import FIRST, Effort, Refined
 from ge_torchrl.refiners.rl.actor_critic import SoftTrees, ValueNetworks, make_actor
 from ge_torchrl.refiners.rl.ddt import soften
@@ -19,9 +18,6 @@ from ge_torchrl.refiners.rl.ppo import train
 from ge_torchrl.refiners.rl.samples import open_source
 from ge_torchrl.refiners.rl.snapshots import Snapshots
 from ge_torchrl.trees.tree import DecisionTree
-
-CHUNK: Final = 32
-"""Trees trained as one batch: of fewer, Python takes longer than the numbers; more would not fit a core's caches."""
 
 
 class PPORefiner:
@@ -50,7 +46,9 @@ class PPORefiner:
         do the bits of the result.
         """
         refined: list[Refined] = []
-        together = _trees_with_room(self._backend)
+        together = self._config.trees_together
+        if together is None:
+            together = trees_together(self._backend.spec, copied=self._backend.name != "kernel")
         for first in range(0, len(trees), together):
             chunk = slice(first, first + together)
             refined += self._refine(trees[chunk], rngs[chunk], effort)
@@ -99,14 +97,3 @@ class PPORefiner:
             generators=generators,
             straight_through=config.straight_through,
         )
-
-
-def _trees_with_room(backend: Backend) -> int:
-    """Return how many trees are trained together: fewer where copies of the environment are large."""
-    # Kernels sample without copies.
-    copies = None if backend.name == "kernel" else copies_that_fit(backend.spec)
-    if copies is None:
-        return CHUNK
-    from ge_torchrl.refiners.rl.collecting import COPIES
-
-    return min(CHUNK, max(copies // COPIES, 1))

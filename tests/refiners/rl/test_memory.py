@@ -7,9 +7,9 @@ import pytest
 from environments_for_tests import WalkEnv, register
 
 from ge_torchrl.config import PPOConfig
+from ge_torchrl.environments import instances
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.spec import describe
-from ge_torchrl.refiners.rl import refiner
 from ge_torchrl.refiners.rl.refiner import PPORefiner
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -28,7 +28,7 @@ class CountedEnv(WalkEnv):
 
 @pytest.mark.parametrize(("copies", "trees_at_once"), [(16, 2), (1, 1), (None, 3)])
 def test_no_more_trees_are_trained_together_than_there_is_room_for(monkeypatch, copies, trees_at_once):
-    monkeypatch.setattr(refiner, "copies_that_fit", lambda _: copies)
+    monkeypatch.setattr(instances, "copies_that_fit", lambda _: copies)
     backend = GymnasiumBackend(describe(register(CountedEnv)), workers=1)
     little = PPOConfig(max_timesteps=80, update_timesteps=40, epochs=1, snapshot_episodes=0)
     trees = [DecisionTree.split(0, float(t), DecisionTree.leaf(0), DecisionTree.leaf(1)) for t in range(3)]

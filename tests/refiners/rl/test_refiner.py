@@ -13,7 +13,6 @@ from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.refiners.protocol import Effort
-from ge_torchrl.refiners.rl import refiner
 from ge_torchrl.refiners.rl.refiner import PPORefiner
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
@@ -100,10 +99,9 @@ def test_a_tree_beside_others_is_refined_as_alone(backend, settings):
         assert alone.training.soft_return == pytest.approx(together[row].training.soft_return, nan_ok=True)
 
 
-def test_long_lists_are_refined_in_chunks(backend, monkeypatch):
-    monkeypatch.setattr(refiner, "CHUNK", 3)
+def test_long_lists_are_refined_in_chunks(backend):
     trees = FOREST + FOREST[:1]
-    chunked = refined(backend, trees)
+    chunked = refined(backend, trees, replace(LITTLE, trees_together=3))
     expected = []
     for first in (0, 3):
         part = slice(first, first + 3)
