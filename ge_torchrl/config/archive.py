@@ -36,7 +36,7 @@ class ArchiveConfig(Section):
         26,
         at_least=0,
         because="it counts trees",
-        dear=6,
+        dear=0,
         doc="Trees one or two edits away from kept ones that are proposed in a scheduled generation.",
     )
     neighbours_drawn: int = setting(
@@ -45,6 +45,21 @@ class ArchiveConfig(Section):
         because="neighbours are chosen among those drawn",
         dear=40,
         doc="Neighbours drawn and measured on the training episodes, from which they are chosen.",
+    )
+    races: int = setting(
+        0,
+        at_least=0,
+        because="it counts races; 0 runs none",
+        dear=8,
+        doc="Races in a generation: neighbours of a kept tree run against it on common episodes, in growing rounds; "
+        "one that is better by three standard errors takes its place, and the next race is against that one. A tree "
+        "that nothing beats any more is challenged from another start. 0: none.",
+    )
+    raced: int = setting(
+        24,
+        at_least=1,
+        because="somebody has to run",
+        doc="Neighbours in a race.",
     )
     short_list: int = setting(
         0,

@@ -105,6 +105,8 @@ class Config(Section):
         is_refined = self.refiner.enabled or values["polish"]["every"] > 0
         if values["archive"]["keep"] == 0 or not is_refined:
             values["archive"] |= dict.fromkeys(_PROPOSALS, 0)
+        if values["archive"]["keep"] == 0:
+            values["archive"]["races"] = 0
         if not free and self.ge.max_env_steps is None and self.ge.max_seconds is None:
             values["ge"]["max_env_steps"] = max(1, int(float(f"{_DEAR_SECONDS * steps_per_second:.2g}")))
         if has_sums and self.starts.max_env_steps is not None:

@@ -152,7 +152,7 @@ class _Search:
         lengths = _SHORTEST_MOVE ** self._rng.random(self._moves)
         signs = np.where(np.arange(self._moves) % 2 == 0, -1.0, 1.0)
         moved = np.tile(self._tree.parameters, (self._moves, 1))
-        moved[:, parameter] = _as_floats(float(self._tree.parameters[parameter]) + signs * lengths * unit)
+        moved[:, parameter] = as_floats(float(self._tree.parameters[parameter]) + signs * lengths * unit)
         if len(self._screening_seeds) == 0 or self._moves <= _PROMISING:
             return moved
         returns = self._returns(Forest.of_parameters(self._tree, moved), self._screening_seeds)
@@ -180,7 +180,7 @@ class _Search:
         )
         while not self._is_over() and not strategy.stop():
             points = strategy.ask()
-            returns = self._measure(_as_floats(center + units * np.array(points)[:, : len(units)]))
+            returns = self._measure(as_floats(center + units * np.array(points)[:, : len(units)]))
             strategy.tell(points, (-returns).tolist())
 
 
@@ -191,7 +191,7 @@ def spread_of(observations: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.where(np.isfinite(spread) & (spread > 0), spread, 1.0)
 
 
-def _as_floats(parameters: NDArray[np.float64]) -> NDArray[np.float32]:
+def as_floats(parameters: NDArray[np.float64]) -> NDArray[np.float32]:
     """Round to float32; what a wild step would overflow stays a number."""
     return np.clip(parameters, -_LARGEST, _LARGEST).astype(np.float32)
 

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.config import ArchiveConfig
+from ge_torchrl.refiners.folding import half_of, tied_leaves
+from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.search.fitness import archive_seeds, fitness_of
 from ge_torchrl.search.population import Population
 from ge_torchrl.search.problem import Problem
@@ -26,7 +28,7 @@ from ge_torchrl.trees.tree import DecisionTree, FloatArray
 
 ARCHIVE = "archive"
 """The purpose that steps of measuring and observing for the archive are counted under."""
-POPULATION, REFINEMENT, POLISH, START = "population", "refinement", "polish", "start"
+POPULATION, REFINEMENT, POLISH, START, RACE = "population", "refinement", "polish", "start", "race"
 """Where a tree comes from."""
 
 # A tree so many times larger than the largest kept one may still be pruned to a kept size.
@@ -43,8 +45,8 @@ class Contender:
     Attributes:
         tree: The tree.
         fitness: Its fitness on training episodes.
-        origin: POPULATION, REFINEMENT for what the refiner made, POLISH for what only the polish changed, or START for
-            a dense start.
+        origin: POPULATION, REFINEMENT for what the refiner made, POLISH for what only the polish changed, START for a
+            dense start, or RACE for who won a race.
     """
 
     tree: DecisionTree
@@ -58,10 +60,11 @@ class Member:
 
     Attributes:
         tree: The tree, pruned.
-        archive_fitness: Its fitness on the archive's episodes, by which it is kept.
+        archive_fitness: Its fitness on the archive's episodes, and on others that confirmed it; by which it is kept.
         train_fitness: Its fitness on training episodes when it was offered.
         origin: As of a contender.
         observed: [T, D] float32, observations that it acted on.
+        confirmed_on: How many episodes confirmed it beside the archive's own.
     """
 
     tree: DecisionTree
@@ -69,6 +72,7 @@ class Member:
     train_fitness: float
     origin: str
     observed: FloatArray
+    confirmed_on: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +118,7 @@ def offer(problem: Problem, archive: Archive, contenders: Iterable[Contender]) -
         Forest.stack(trees), archive_seeds(problem.config), ARCHIVE, visits=True
     )
     fitness = fitness_of(outcomes.returns, problem.config.evaluation.std_penalty)
-    pruned = prune_all(trees, outcomes.leaf_visits)
+    pruned = prune_all(trees, outcomes.leaf_visits, problem.mirror)
     kept = _Kept(settings, archive)
     for tree, contender, value in zip(pruned, new, map(float, fitness), strict=True):
         kept.add(_Candidate(tree, value, contender))
@@ -130,17 +134,60 @@ def merged(problem: Problem, archives: Sequence[Archive]) -> Archive:
     return Archive(kept.members(problem), frozenset().union(*(archive.offered for archive in archives)))
 
 
-def prune_all(trees: Sequence[DecisionTree], leaf_visits: NDArray[np.int64] | None) -> list[DecisionTree]:
+def confirmed(
+    problem: Problem, archive: Archive, tree: DecisionTree, returns: NDArray[np.float64]
+) -> Archive:
+    """Return the archive with a kept tree measured on more episodes: what luck has chosen goes when others pass it.
+
+    Args:
+        problem: What is searched.
+        archive: The archive before.
+        tree: A kept tree; any other changes nothing.
+        returns: [E] of it, in episodes on which nothing was chosen.
+    """
+    found = [member for member in archive.members if member.tree == tree]
+    if not found or len(returns) == 0:
+        return archive
+    (member,) = found
+    before = problem.config.archive.episodes + member.confirmed_on
+    fitness = float(fitness_of(returns[np.newaxis], problem.config.evaluation.std_penalty)[0])
+    share = len(returns) / (before + len(returns))
+    more = replace(
+        member,
+        archive_fitness=(1 - share) * member.archive_fitness + share * fitness,
+        confirmed_on=member.confirmed_on + len(returns),
+    )
+    members = [more if other is member else other for other in archive.members]
+    members.sort(key=lambda one: (one.tree.num_decision_nodes, -one.archive_fitness))
+    return replace(archive, members=tuple(members))
+
+
+def prune_all(
+    trees: Sequence[DecisionTree], leaf_visits: NDArray[np.int64] | None, mirror: Mirror | None = None
+) -> list[DecisionTree]:
     """Return trees without what some episodes did not visit.
 
     Args:
         trees: The trees, in the order in which they were measured.
         leaf_visits: Visits of all their leaves, tree after tree.
+        mirror: Of the environment, where it has one: a tree that is its own image stays so.
     """
     if leaf_visits is None:
         raise ValueError("pruning needs visits: evaluate(..., visits=True)")
     ends = np.cumsum([tree.num_leaves for tree in trees])
-    return [prune(tree, visits) for tree, visits in zip(trees, np.split(leaf_visits, ends[:-1]), strict=True)]
+    return [
+        prune(tree, visits if mirror is None else _with_images(tree, visits, mirror))
+        for tree, visits in zip(trees, np.split(leaf_visits, ends[:-1]), strict=True)
+    ]
+
+
+def _with_images(tree: DecisionTree, visits: NDArray[np.int64], mirror: Mirror) -> NDArray[np.int64]:
+    """Return visits in which a leaf of a tree that is its own image counts those of its image too."""
+    half = half_of(tree, mirror)
+    if half is None:
+        return visits
+    tied = tied_leaves(half, mirror)
+    return np.bincount(tied, weights=visits)[tied].astype(np.int64)
 
 
 def leaders(population: Population, max_nodes: int) -> list[Contender]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ge_torchrl.search.archive import Archive, Contender
+from ge_torchrl.search.climbing import Climbers
 from ge_torchrl.search.population import Population
 from ge_torchrl.search.refinement import Refinement
 
@@ -42,6 +43,7 @@ class SearchState:
         set_aside: Archives of former starts, until all go on together.
         times_refined: How often trees of each structure were refined since the last start.
         best_refined: The fittest tree that refinement bettered; None before there is one.
+        climbers: The trees that neighbours are raced against.
         counts: What was counted so far.
     """
 
@@ -51,6 +53,7 @@ class SearchState:
     set_aside: tuple[Archive, ...] = ()
     times_refined: Mapping[bytes, int] = field(default_factory=dict)
     best_refined: Contender | None = None
+    climbers: Climbers = field(default_factory=Climbers)
     counts: Counts = Counts()
 
     @property

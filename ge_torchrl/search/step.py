@@ -18,6 +18,7 @@ from ge_torchrl.errors import UnencodableTreeError
 from ge_torchrl.ge.codons import Codons
 from ge_torchrl.ge.encoding import encode
 from ge_torchrl.search.archive import POLISH, POPULATION, REFINEMENT, Archive, Contender, leaders, offer
+from ge_torchrl.search.climbing import climb
 from ge_torchrl.search.neighbours import propose_neighbours
 from ge_torchrl.search.population import Evolved, Population, first_population, newcomers, next_population
 from ge_torchrl.search.problem import Problem
@@ -80,8 +81,9 @@ def step(problem: Problem, state: SearchState) -> tuple[SearchState, Events]:
             *leaders(written.population, problem.config.archive.max_nodes),
         ],
     )
+    archive, climbers = climb(problem, archive, state.climbers, generation)
     population = written.population
-    if proposals:
+    if proposals or problem.config.archive.races > 0:
         population = _migrate(problem, population, archive, generation)
     refined = [one for one in refinements.refinements if one.training is not None]
     after = SearchState(
@@ -91,6 +93,7 @@ def step(problem: Problem, state: SearchState) -> tuple[SearchState, Events]:
         set_aside=state.set_aside,
         times_refined=_counted(state, proposals),
         best_refined=_best_refined(state.best_refined, refined),
+        climbers=climbers,
         counts=_counts(state.counts, evolved, refined, refinements.polished),
     )
     events = _refinement_events(state, evolved.population, refined, written.slots)

@@ -40,7 +40,7 @@ def check_mirror(problem: Problem) -> None:
         LimitReachedError: The backend's limit was reached first.
     """
     mirror, config = problem.mirror, problem.config
-    if mirror is None or not problem.has_sums:
+    if mirror is None or not (problem.has_sums or config.archive.races > 0):
         return
     rng = stream(config.seed, "mirror")
     codons = random_population(4 * _TREES, config.ge.genotype_length, rng)

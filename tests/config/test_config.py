@@ -42,7 +42,7 @@ def test_what_is_not_given_takes_the_defaults_of_its_section():
 
 @pytest.mark.parametrize(
     ("speed", "keep", "neighbours", "every", "validation", "limit"),
-    [(1e8, 8, 26, 1, 5000, None), (1e6, 8, 26, 1, 5000, None), (20_123, 3, 6, 0, 200, 3_600_000)],
+    [(1e8, 8, 26, 1, 5000, None), (1e6, 8, 26, 1, 5000, None), (20_123, 3, 0, 0, 200, 3_600_000)],
 )
 def test_what_is_left_open_follows_the_speed(speed, keep, neighbours, every, validation, limit):
     config = Config.from_mapping(VALUES).resolved(speed)
@@ -53,6 +53,12 @@ def test_what_is_left_open_follows_the_speed(speed, keep, neighbours, every, val
     assert config.resolved(speed) == config
     assert config.resolved(config.evaluation.steps_per_second) == config, "as from the run's own config.yaml"
     assert Config.from_mapping(config.as_mapping()) == config
+
+
+def test_trees_are_raced_where_steps_are_dear_and_there_is_an_archive_to_keep_them():
+    assert Config.from_mapping(VALUES).resolved(1e8).archive.races == 0
+    assert Config.from_mapping(VALUES).resolved(1e4).archive.races > 0
+    assert Config.from_mapping({**VALUES, "archive": {"keep": 0}}).resolved(1e4).archive.races == 0
 
 
 def test_arguments_of_the_environment_are_the_users_own_keys():

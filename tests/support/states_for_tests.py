@@ -8,6 +8,7 @@ from dataclasses import fields, is_dataclass
 import numpy as np
 
 from ge_torchrl.search.archive import Archive, Contender, Member
+from ge_torchrl.search.climbing import Climber, Climbers
 from ge_torchrl.search.population import Population
 from ge_torchrl.search.state import Counts, SearchState
 from ge_torchrl.trees.forest import Forest, ForestArrays
@@ -15,7 +16,10 @@ from ge_torchrl.trees.tree import DecisionTree
 
 _RECORDS = {
     record.__name__: record
-    for record in (Archive, Contender, Counts, DecisionTree, Forest, ForestArrays, Member, Population, SearchState)
+    for record in (
+        Archive, Climber, Climbers, Contender, Counts, DecisionTree, Forest, ForestArrays, Member, Population,
+        SearchState,
+    )
 }  # fmt: skip
 
 
