@@ -10,7 +10,8 @@ import contextlib
 import functools
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -69,17 +70,40 @@ def inlined(function: _Function) -> _Function:
     return _compiled(function, forceinline=True)
 
 
-def _compiled(function: _Function, *, forceinline: bool) -> _Function:
+def compiled_in(folder: Path) -> Callable[[_Function], _Function]:
+    """Return what compiles as `compiled` does, its cache in a folder whose name knows all that is compiled there."""
+    return functools.partial(_compiled, forceinline=False, folder=folder)
+
+
+def entry_in(folder: Path) -> Callable[[Callable[..., Any]], Any]:
+    """Return what compiles a function as `void(double *lanes, intp n)`, to be called by its address."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        types: Any = numba.types
+        signature = types.void(types.CPointer(types.float64), types.intp)
+        with _caching_in(folder):
+            return numba.cfunc(signature, cache=True)(function)
+
+    return decorate
+
+
+def _compiled(function: _Function, *, forceinline: bool, folder: Path | None = None) -> _Function:
+    decorate = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=forceinline)
+    with _caching_in(folder or cache_directory()):
+        dispatcher: Any = decorate(function)
+    return cast("_Function", dispatcher)
+
+
+@contextmanager
+def _caching_in(folder: Path) -> Iterator[None]:
     # The settings of numba are a module's attributes, which its type information does not list.
     settings: Any = config
     previous = settings.CACHE_DIR
-    settings.CACHE_DIR = str(cache_directory())
+    settings.CACHE_DIR = str(folder)
     try:
-        decorate = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=forceinline)
-        dispatcher: Any = decorate(function)
+        yield
     finally:
         settings.CACHE_DIR = previous
-    return cast("_Function", dispatcher)
 
 
 def is_compiled_before(kind: str) -> bool:

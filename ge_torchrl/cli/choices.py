@@ -28,14 +28,14 @@ def choices(group: str) -> list[str]:
 
 
 def with_environment(words: Sequence[str]) -> list[str]:
-    """Put the choice of no particular environment before an id that is typed without a choice.
+    """Put the choice of no particular environment before an id, or dynamics, typed without a choice.
 
     Without it, the names and the grammar of the environment that a run takes otherwise would stay.
 
     Args:
         words: The overrides of a command line, all of which `config.yaml` of conf/ takes.
     """
-    ids = words_of(words, ("env.id",))
+    ids = words_of(words, ("env.id", "env.dynamics"))
     if not ids or words_of(words, ("env", "experiment")):
         return list(words)
     if ids[-1].partition("=")[2].strip("'\"") == _default_id():

@@ -54,7 +54,9 @@ def init(arguments: list[str], compose: Compose) -> int:
 def _parser(verb: str, description: str) -> Parser:
     parser = Parser(prog=f"ge-torchrl {verb}", description=description)
     parser.add_argument(
-        "environment", metavar="ENV", help="a Gymnasium id, such as LunarLander-v3, or env=NAME"
+        "environment",
+        metavar="ENV",
+        help="a Gymnasium id, such as LunarLander-v3, or env=NAME, or dynamics of your own, such as plant.py:Cart",
     )
     parser.add_argument(
         "settings", metavar="key=value", nargs="*", help="others that matter, such as env.kwargs.gravity=-5"
@@ -65,4 +67,5 @@ def _parser(verb: str, description: str) -> Parser:
 def _words(options: argparse.Namespace) -> list[str]:
     first = options.environment
     words: Sequence[str] = options.settings
-    return [first if "=" in first else f"env.id={first}", *words]
+    key = "env.dynamics" if ".py:" in first else "env.id"
+    return [first if "=" in first else f"{key}={first}", *words]

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ge_torchrl.checks import UNSET
 from ge_torchrl.config.setting import Section, episode_count, mapping, probability, setting
 
 _POPULATION_SIZE = 200
@@ -19,6 +20,12 @@ class EnvironmentConfig(Section):
     SECTION: ClassVar[str] = "env"
 
     id: str = setting(doc="Gymnasium id.", text="a Gymnasium id such as CartPole-v1")
+    dynamics: str | None = setting(
+        None,
+        doc="Dynamics of your own, which are the `env.id` too: a file and a class in it, such as `plant.py:Cart`; see "
+        "[your own plant](your_own_plant.md).",
+        text="a file and a class in it, such as plant.py:Cart",
+    )
     kwargs: Mapping[str, Any] = mapping(
         doc="What else the environment is made with, such as `env.kwargs.gravity=-5`."
     )
@@ -70,6 +77,20 @@ class EnvironmentConfig(Section):
         because="it counts processes, of which more than there are cores gain nothing",
         doc="Worker processes of the Gymnasium route; 0 decides by itself.",
     )
+
+    def __post_init__(self) -> None:
+        if self.id == UNSET and isinstance(self.dynamics, str):
+            object.__setattr__(self, "id", self.dynamics)
+        super().__post_init__()
+
+    def check_together(self) -> None:
+        """Refuse an environment that is named twice."""
+        if self.dynamics is not None and self.id != self.dynamics:
+            self.refuse(
+                "dynamics",
+                "null beside another env.id",
+                f"one of both makes the environment, and env.id={self.id}",
+            )
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
+from ge_torchrl.environments.calling import call
 from ge_torchrl.environments.continuous_dynamics import (
     advance_continuous_mountain_car,
     advance_pendulum,
@@ -173,7 +174,7 @@ def advance(dynamics: int, lanes: NDArray[np.float64], n: int) -> None:
     Reads the rows STATE to SIN_2 and ACTION; writes these and OBSERVATION, REWARD and TERMINATED.
 
     Args:
-        dynamics: CARTPOLE or another of these numbers.
+        dynamics: CARTPOLE or another of these numbers; any other is the address of a user's own; see `calling`.
         lanes: [LANE_ROWS * LANES] float64.
         n: Number of lanes in use; up to VECTOR - 1 spare ones are stepped too.
     """
@@ -186,8 +187,10 @@ def advance(dynamics: int, lanes: NDArray[np.float64], n: int) -> None:
         advance_mountain_car(lanes, padded)
     elif dynamics == PENDULUM:
         advance_pendulum(lanes, padded)
-    else:
+    elif dynamics == CONTINUOUS_MOUNTAIN_CAR:
         advance_continuous_mountain_car(lanes, padded)
+    else:
+        call(dynamics, lanes, padded)
 
 
 def cartpole_starts(seeds: NDArray[np.int64]) -> Starts:
@@ -222,8 +225,8 @@ class Dynamics:
     """Compiled dynamics of one environment.
 
     Attributes:
-        index: Which branch of `advance` steps it.
-        starts: Episode seeds [E] to start rows [E, START_ROWS], bit for bit Gymnasium's `reset(seed=s)`.
+        index: Which branch of `advance` steps it, or the address of what does.
+        starts: Episode seeds [E] to start rows [E, S], bit for bit Gymnasium's `reset(seed=s)`.
     """
 
     index: int

@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import gymnasium as gym
 
 from ge_torchrl.environments.gymnasium_runner import Runner, Watch
+from ge_torchrl.environments.plant import names_plant
 from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, registered_id
 from ge_torchrl.errors import EnvironmentFaultError
 
@@ -71,7 +72,8 @@ def unpack(sent: bytes) -> EnvironmentSpec:
 def _modules_of(spec: EnvironmentSpec, registered: Any) -> list[str]:
     """Return the modules that the id and the entry point name in front of a colon, each once."""
     entry_point = getattr(registered, "entry_point", None)
-    named = [spec.id, entry_point if isinstance(entry_point, str) else ""]
+    # A plant's file is no module; whoever makes the environment finds it.
+    named = ["" if names_plant(spec.id) else spec.id, entry_point if isinstance(entry_point, str) else ""]
     return list(dict.fromkeys(module for text in named if (module := text.rpartition(":")[0])))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from functools import cached_property, partial
 from itertools import product
 from math import ceil
@@ -22,7 +23,9 @@ from ge_torchrl.environments.backend import (
     available_cores,
 )
 from ge_torchrl.environments.dynamics import DYNAMICS, Dynamics
+from ge_torchrl.environments.gymnasium_runner import LedgerWatch, Runner
 from ge_torchrl.environments.kernel_sampler import CHUNK_STEPS, KernelSampler, action_bounds, ranges
+from ge_torchrl.environments.kernels import dynamics_of
 from ge_torchrl.environments.lanes import LANES, OBSERVATION
 from ge_torchrl.environments.recording import Recording, record_steps
 from ge_torchrl.environments.rollouts import run_forest
@@ -64,13 +67,15 @@ class KernelBackend(Accountable):
 
     def __init__(self, spec: EnvironmentSpec, threads: int = 0, ledger: Ledger | None = None) -> None:
         super().__init__(ledger)
-        if not has_kernel(spec):
+        dynamics = dynamics_of(spec)
+        if dynamics is None:
             raise EnvironmentFaultError(
                 f"env.route=kernel needs a kernel, which exist for {', '.join(DYNAMICS)} as they are registered, "
-                f"without arguments or wrappers; got {spec.id} (env.route=gymnasium runs every environment)"
+                f"without arguments or wrappers, and for env.dynamics; got {spec.id} "
+                "(env.route=gymnasium runs every environment)"
             )
         self.spec = spec
-        self._dynamics = DYNAMICS[spec.id]
+        self._dynamics = dynamics
         self._bounds = action_bounds(spec)
         self._threads = Threads(threads or available_cores(), self.ledger)
 
@@ -135,7 +140,21 @@ class KernelBackend(Accountable):
             for trees, episodes in self._chunks(len(forest), len(seeds))
         )
         self._threads.run(tasks, purpose, self._most_steps((0, len(forest)), (0, len(seeds))))
+        self._refuse_what_is_lost(forest, seeds, outcomes)
         return outcomes
+
+    def _refuse_what_is_lost(self, forest: Forest, seeds: NDArray[np.int64], outcomes: Outcomes) -> None:
+        """Tell where a user's own dynamics went wrong: there the return is no number."""
+        lost = np.argwhere(~np.isfinite(outcomes.returns) & (outcomes.lengths > 0))
+        if len(lost) == 0:
+            return
+        tree, episode = lost[0]
+        with closing(Runner(self.spec)) as runner:
+            # Gymnasium's environment raises at the very step.
+            runner.record(forest.take([tree]), int(seeds[episode]), LedgerWatch(Ledger(), "record"))
+        raise EnvironmentFaultError(
+            f"{self.spec.id}: the return of episode seed {seeds[episode]} is no finite number"
+        )
 
     def _most_steps(self, trees: tuple[int, int], episodes: tuple[int, int]) -> int:
         return (trees[1] - trees[0]) * (episodes[1] - episodes[0]) * self.spec.max_episode_steps
@@ -247,11 +266,6 @@ class KernelBackend(Accountable):
     def close(self) -> None:
         """Release the threads."""
         self._threads.close()
-
-
-def has_kernel(spec: EnvironmentSpec) -> bool:
-    """Tell whether there is a kernel of the environment just as it is; any limit of its episodes will do."""
-    return spec.id in DYNAMICS and not spec.names.kwargs and not spec.names.wrappers
 
 
 def _probe(spec: EnvironmentSpec, dynamics: Dynamics) -> Forest:

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import Ledger, Samples, SoftForest
-from ge_torchrl.environments.dynamics import DYNAMICS
+from ge_torchrl.environments.kernels import dynamics_of
 from ge_torchrl.environments.soft_rollouts import SoftStreams, check_soft_forest
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.environments.threads import Task, Threads
+from ge_torchrl.errors import EnvironmentFaultError
 
 # A chunk takes a tenth of a second at most.
 CHUNK_STEPS = 1_000_000
@@ -40,7 +41,9 @@ class KernelSampler:
         self._spec = spec
         self._threads = threads
         self._ledger = ledger
-        bounds, dynamics = action_bounds(spec), DYNAMICS[spec.id]
+        bounds, dynamics = action_bounds(spec), dynamics_of(spec)
+        if dynamics is None:
+            raise ValueError(f"{spec.id} has no kernel")
         # As many groups for each thread, where that makes none of them too thin to be quick.
         n_groups = ceil(len(rngs) / (SoftStreams.WIDTH * threads.n)) * threads.n
         self._ranges = ranges(len(rngs), min(n_groups, len(rngs)))
@@ -64,7 +67,25 @@ class KernelSampler:
             self._threads.run(tasks, purpose, n_steps)
             # All at once: how streams are grouped must not show where a limit ends the run.
             self._ledger.count(purpose, n_steps)
+        self._refuse_what_is_lost(samples)
         return samples
+
+    def _refuse_what_is_lost(self, samples: Samples) -> None:
+        """Tell where a user's own dynamics went wrong: there the reward is no number."""
+        lost = np.argwhere(~np.isfinite(samples.rewards))
+        if len(lost) == 0:
+            return
+        place, names = tuple(lost[0]), self._spec.names
+        seen = ", ".join(
+            f"{name} = {value:g}"
+            for name, value in zip(names.features, samples.observations[place], strict=True)
+        )
+        action = samples.actions[place]
+        told = names.actions[action] if action.ndim == 0 else action
+        raise EnvironmentFaultError(
+            f"env.dynamics={self._spec.id} must step to finite numbers; a step raised, or its state, observation or "
+            f"reward was infinite or no number, after {seen}, action {told}"
+        )
 
 
 def action_bounds(spec: EnvironmentSpec) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ A *lane* is one running episode. All lanes live in one flat float64 buffer, row 
 that every offset is a compile-time constant and LLVM turns the loop over lanes into vector instructions. Rows:
 four of state, four of sines and cosines that belong to it, the observation (rounded to float32, as Gymnasium
 returns it), the action to take, and what a step gives back. An action is a number, or float32 values, one a row.
+A user's own dynamics have eight rows of state; more of it stands behind the observation.
 """
 
 import numpy as np
@@ -20,14 +21,15 @@ VECTOR = 8
 STATE = 0
 COS_1, SIN_1, COS_2, SIN_2 = 4 * LANES, 5 * LANES, 6 * LANES, 7 * LANES
 OBSERVATION = 8 * LANES
-MAX_FEATURES = 6
+# Rows for the observation and whatever stands behind it.
+MAX_FEATURES = 24
 ACTION = OBSERVATION + MAX_FEATURES * LANES
-MAX_ACTIONS = 4
+MAX_ACTIONS = 8
 REWARD = ACTION + MAX_ACTIONS * LANES
 TERMINATED = REWARD + LANES
 LANE_ROWS = TERMINATED // LANES + 1
-# An episode's start fills the rows from the state to the observation.
-START_ROWS = ACTION // LANES
+# An episode's start fills the rows from the state to the observation: so many of the dynamics that are ours.
+START_ROWS = OBSERVATION // LANES + 6
 
 STATE_0, STATE_1, STATE_2, STATE_3 = 0, LANES, 2 * LANES, 3 * LANES
 OBS_0, OBS_1, OBS_2 = OBSERVATION, OBSERVATION + LANES, OBSERVATION + 2 * LANES

@@ -16,7 +16,6 @@ from ge_torchrl.environments.lanes import (
     LANES,
     OBSERVATION,
     REWARD,
-    START_ROWS,
     TERMINATED,
 )
 from ge_torchrl.trees.forest import ForestArrays
@@ -85,9 +84,9 @@ def record_steps(
     """Write the episodes of `starts`, one after another, from row `first` on until there is no more room.
 
     Args:
-        dynamics: Branch of `advance`.
+        dynamics: What `advance` takes.
         max_episode_steps: Truncation.
-        starts: [E, START_ROWS], the episodes' first states and observations.
+        starts: [E, S], the episodes' first states and observations.
         bounds: As `run_forest` takes them.
         forest: The trees.
         tree: Which of them acts.
@@ -101,7 +100,7 @@ def record_steps(
     no_visits = np.zeros(0, np.int64)
     t, room, n_values = first, len(recording.rewards), recording.values.shape[1]
     for episode in range(len(starts)):
-        for row in range(START_ROWS):
+        for row in range(starts.shape[1]):
             rows[row * LANES] = starts[episode, row]
         steps, ended = 0, False
         while not ended and t < room:

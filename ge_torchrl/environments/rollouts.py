@@ -19,7 +19,7 @@ from ge_torchrl.environments.decisions import (
     look_up_answers,
 )
 from ge_torchrl.environments.dynamics import advance
-from ge_torchrl.environments.lanes import LANE_ROWS, LANES, REWARD, START_ROWS, TERMINATED
+from ge_torchrl.environments.lanes import LANE_ROWS, LANES, REWARD, TERMINATED
 from ge_torchrl.trees.forest import ForestArrays
 
 # Below these a bottom-up evaluation of all splits is cheaper than walks (measured by the benchmarks).
@@ -63,7 +63,7 @@ def _start_episode(
     lanes.root[i] = 0 if forest.split_start[tree + 1] > forest.split_start[tree] else -1
     lanes.total[i] = 0.0
     lanes.steps[i] = 0
-    for row in range(START_ROWS):
+    for row in range(work.starts.shape[1]):
         lanes.rows[row * LANES + i] = work.starts[episode, row]
     if episode + 1 < work.last_episode:
         return tree, episode + 1
@@ -82,8 +82,9 @@ def _count_step(lanes: Lanes, max_episode_steps: int, n: int) -> int:
 
 
 @inlined
-def _move_lane(lanes: Lanes, source: int, target: int) -> None:
-    for row in range(LANE_ROWS):
+def _move_lane(lanes: Lanes, source: int, target: int, n_rows: int) -> None:
+    # The rest is written anew before it is read.
+    for row in range(n_rows):
         lanes.rows[row * LANES + target] = lanes.rows[row * LANES + source]
     lanes.total[target] = lanes.total[source]
     lanes.steps[target] = lanes.steps[source]
@@ -165,7 +166,7 @@ def _run_trees(
                     tree, episode = _start_episode(lanes, i, work, forest, tree, episode, last_tree)
                 else:
                     n -= 1
-                    _move_lane(lanes, n, i)
+                    _move_lane(lanes, n, i, work.starts.shape[1])
     return n_steps
 
 
@@ -204,9 +205,9 @@ def run_forest(
 
     Args:
         forest: The trees; an individual without a tree is passed over.
-        dynamics: Branch of `advance`.
+        dynamics: What `advance` takes.
         max_episode_steps: Truncation.
-        starts: [E, START_ROWS], the episodes' first states and observations.
+        starts: [E, S], the episodes' first states and observations.
         bounds: [2, A], lowest and highest float32 value of each entry of an action; [2, 0] where leaves hold actions.
         first_tree: First tree to run.
         last_tree: One past the last tree to run.

@@ -22,7 +22,6 @@ from ge_torchrl.environments.lanes import (
     LANES,
     OBSERVATION,
     REWARD,
-    START_ROWS,
     TERMINATED,
     VECTOR,
     Starts,
@@ -43,7 +42,7 @@ class _Streams(NamedTuple):
         rows: [LANE_ROWS * LANES] float64, as `dynamics` lays them out.
         steps: [n] int64, steps so far; 0 where an episode must begin.
         total: [n] float64, the return so far.
-        starts: [n, _BLOCKS * _STARTS_PER_BLOCK, START_ROWS], episodes to come.
+        starts: [n, _BLOCKS * _STARTS_PER_BLOCK, S], episodes to come.
         used: [n] int64, how many of these are used.
         generator: [n, 4] uint64, draws decisions and actions.
     """
@@ -77,7 +76,7 @@ def _begin_episodes(streams: _Streams, n: int) -> bool:
             return False
     for lane in range(n):
         if streams.steps[lane] == 0:
-            for row in range(START_ROWS):
+            for row in range(streams.starts.shape[2]):
                 streams.rows[row * LANES + lane] = streams.starts[lane, streams.used[lane], row]
             streams.used[lane] += 1
             streams.total[lane] = 0.0
@@ -175,8 +174,8 @@ class SoftStreams:
     and not on the streams beside it.
 
     Args:
-        dynamics: Branch of `advance`.
-        make_starts: Episode seeds [E] to start rows [E, START_ROWS].
+        dynamics: What `advance` takes.
+        make_starts: Episode seeds [E] to start rows [E, S].
         max_episode_steps: Truncation.
         bounds: [2, A], lowest and highest value of each entry of an action; [2, 0] where an action is a number.
         rngs: [n] sources of randomness, of at most `LANES` streams.
@@ -203,7 +202,7 @@ class SoftStreams:
             rows=np.zeros(LANE_ROWS * LANES),
             steps=np.zeros(n, np.int64),
             total=np.zeros(n),
-            starts=np.zeros((n, n_starts, START_ROWS)),
+            starts=np.zeros((n, n_starts, make_starts(np.zeros(0, np.int64)).shape[1])),
             used=np.full(n, n_starts, np.int64),
             generator=np.zeros((n, 4), np.uint64),
         )

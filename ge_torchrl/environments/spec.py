@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from ge_torchrl.config import EnvironmentConfig
 from ge_torchrl.environments.naming import feature_names
+from ge_torchrl.environments.plant import names_plant, read_plant
+from ge_torchrl.environments.plant_environment import register_plant
 from ge_torchrl.environments.suitable import action_bounds, float32_bounds, observed_box, one_line
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.trees.controller import Names
@@ -35,7 +37,8 @@ class EnvironmentSpec:
     """An environment with a flat Box observation, and Discrete actions or a flat Box of them.
 
     Attributes:
-        id: What `gym.make` takes: a Gymnasium id, with a `module:` in front where a module registers it.
+        id: What `gym.make` takes: a Gymnasium id, with a `module:` in front where a module registers it. Or a user's
+            own dynamics, `file.py:Class`; see `plant`.
         names: How the environment is made, and the names of its features, units and actions.
         low: [D] float32, lower bounds that the environment declares, possibly infinite and possibly untrue: what was
             seen of them is in `GymnasiumBackend.bounds`.
@@ -123,7 +126,7 @@ def describe(
     """Describe a Gymnasium environment, with names for what it calls by number.
 
     Args:
-        environment_id: What `gym.make` takes.
+        environment_id: What `gym.make` takes, or a plant, `file.py:Class`.
         features: [D] names; none means those that Gymnasium knows, of the keys of a Dict that was flattened, else
             `x0, x1, ...`.
         units: [D] units; none means no units.
@@ -149,6 +152,13 @@ def describe(
         environment.close()
     n_features = observed.shape[0]
     n_actions = int(action_space.n) if isinstance(action_space, spaces.Discrete) else len(bounds)
+    if names_plant(environment_id):
+        own = read_plant(environment_id)
+        # Wrappers may have changed what is observed, or what can be done.
+        if n_features == len(own.features):
+            features, units = features or own.features, units or own.units
+        if n_actions == len(own.actions.names):
+            actions = actions or own.actions.names
     _check_number("features", features, n_features, environment_id)
     _check_number("units", units, n_features, environment_id)
     _check_number("actions", actions, n_actions, environment_id)
@@ -178,6 +188,8 @@ def describe(
 
 def describe_settings(env: EnvironmentConfig) -> EnvironmentSpec:
     """Describe the environment that the settings of a run name; see `describe`."""
+    if env.dynamics is not None:
+        read_plant(env.dynamics)
     return describe(
         env.id,
         env.features,
@@ -190,6 +202,11 @@ def describe_settings(env: EnvironmentConfig) -> EnvironmentSpec:
     )
 
 
+def symmetry_of(env: EnvironmentConfig) -> Mapping[str, Any]:
+    """Return the mirror that the settings declare, else the one that a plant declares, if there is one."""
+    return env.symmetry or (read_plant(env.id).symmetry if names_plant(env.id) else {})
+
+
 def _make(
     environment_id: str,
     max_episode_steps: int | None,
@@ -198,6 +215,12 @@ def _make(
     render_mode: str | None,
 ) -> GymEnvironment:
     given = dict(kwargs) if render_mode is None else {**kwargs, "render_mode": render_mode}
+    if names_plant(environment_id):
+        if given:
+            raise EnvironmentFaultError(
+                f"env.dynamics={environment_id} takes no arguments, since its numbers stand in its file; got {given}"
+            )
+        environment_id = register_plant(environment_id)
     try:
         _register_plugin(environment_id)
         # Our own border checks what comes back, and names the seed, step and action with it.

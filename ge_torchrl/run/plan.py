@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
-from ge_torchrl.environments.kernel_backend import has_kernel
+from ge_torchrl.environments.kernels import has_kernel
 from ge_torchrl.environments.mirroring import check_mirror, refuse_what_is_refuted
 from ge_torchrl.environments.probing import obeys_seeds, probe
-from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
+from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings, symmetry_of
 from ge_torchrl.ge.generating import choose_grammar
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
 from ge_torchrl.refiners.mirror import Mirror
@@ -67,7 +67,9 @@ def plan(config: Config) -> Plan:
     )
     if chosen.is_generated:
         config = replace(config, grammar=replace(config.grammar, bnf=chosen.text, name=_GENERATED))
-    symmetry = config.env.symmetry
+    symmetry = symmetry_of(config.env)
+    if symmetry != config.env.symmetry:
+        config = replace(config, env=replace(config.env, symmetry=symmetry))
     mirror = Mirror.declared(symmetry, spec.names) if symmetry else None
     if mirror is not None:
         refuse_what_is_refuted(check_mirror(spec, symmetry, mirror))

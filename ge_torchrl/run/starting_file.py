@@ -33,7 +33,7 @@ def starting_text(planned: Plan, folder: Path, name: str) -> str:
         name: What the choice is called.
     """
     spec, config = planned.spec, planned.config
-    env: dict[str, Any] = {"id": spec.id}
+    env: dict[str, Any] = {"dynamics": spec.id} if config.env.dynamics else {"id": spec.id}
     if config.env.kwargs:
         env["kwargs"] = dict(config.env.kwargs)
     if config.env.wrappers:

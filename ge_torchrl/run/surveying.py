@@ -7,12 +7,14 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from ge_torchrl.config import Config
-from ge_torchrl.environments.choose import agrees_with_gymnasium
+from ge_torchrl.environments.choose import agrees_with_gymnasium, check_plant
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
-from ge_torchrl.environments.kernel_backend import KernelBackend, has_kernel
+from ge_torchrl.environments.kernel_backend import KernelBackend
+from ge_torchrl.environments.kernels import has_kernel
 from ge_torchrl.environments.mirroring import Verdict, check_mirror
+from ge_torchrl.environments.plant import names_plant
 from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
-from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
+from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings, symmetry_of
 from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.report.tables import counted
 
@@ -114,10 +116,12 @@ def survey(config: Config) -> Survey:
     speeds = {}
     with closing(GymnasiumBackend(spec, workers=1)) as gymnasium:
         speeds["Gymnasium in one process"] = gymnasium.steps_per_second
+    if names_plant(spec.id) and has_kernel(spec):
+        check_plant(spec)
     agrees = agrees_with_gymnasium(spec) if has_kernel(spec) else None
     if agrees:
         with closing(KernelBackend(spec, config.evaluation.threads)) as kernel:
             speeds["kernel"] = kernel.steps_per_second
-    symmetry = config.env.symmetry
+    symmetry = symmetry_of(config.env)
     mirror = check_mirror(spec, symmetry, Mirror.declared(symmetry, spec.names)) if symmetry else None
     return Survey(spec, seen, seeds, agrees, mirror, speeds)

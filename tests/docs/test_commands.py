@@ -17,6 +17,7 @@ from pages_for_tests import (
 
 from ge_torchrl import __main__ as command_line
 from ge_torchrl.cli import VERBS
+from ge_torchrl.cli.choices import with_environment
 from ge_torchrl.config import check_key
 from ge_torchrl.errors import UserError
 from ge_torchrl.report import runs
@@ -55,7 +56,7 @@ def test_a_run_that_is_printed_composes(arguments):
     # One seed composes as a hundred do, a hundred times as fast.
     few = [re.sub(r"range\((\d+),\d+\)", r"\1", word).replace("NAME", "cartpole") for word in arguments]
     command_line._prepare_hydra()
-    command_line._check(command_line._parse(few))
+    command_line._check(command_line._parse(with_environment(few)))
 
 
 @pytest.mark.parametrize("arguments", [words for words in OURS if words[0] in VERBS], ids=ids)
@@ -69,7 +70,7 @@ def test_a_verb_that_is_printed_takes_its_arguments(arguments, experiment, monke
     assert experiment.evaluated or (status == 2 and "the arguments were read" in capsys.readouterr().err)
     for word in arguments:
         if word.startswith("docs/"):
-            assert (ROOT / word).is_file(), word
+            assert (ROOT / word.partition(":")[0]).is_file(), word
 
 
 def test_programs_that_are_called_are_there():

@@ -1,0 +1,131 @@
+"""The page on plants: its files are the examples, and they run as it says."""
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import closing
+
+import numpy as np
+import pytest
+from pages_for_tests import ROOT, blocks
+
+from ge_torchrl.__main__ import main
+from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.environments.kernel_backend import KernelBackend
+from ge_torchrl.environments.spec import describe, make_gymnasium
+from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
+
+PAGE = ROOT / "docs" / "your_own_plant.md"
+EXAMPLES = ROOT / "docs" / "examples"
+SMALL = [
+    "ge.generations=3", "ge.population_size=10", "starts.max_timesteps=3000", "polish.max_timesteps=3000",
+    "archive.final_keep=0", "archive.neighbours=2", "evaluation.validation_episodes=10", "evaluation.test_episodes=10",
+    "evaluation.threads=2", "hydra.run.dir=run",
+]  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder of the user's, with both files."""
+    for path in EXAMPLES.glob("*.py"):
+        shutil.copy(path, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_page_prints_the_examples():
+    printed = blocks(PAGE, "python")
+    assert printed[:2] == [(EXAMPLES / name).read_text() for name in ("plant.py", "motor.py")]
+    subprocess.run([sys.executable, "-c", printed[2]], cwd=ROOT, check=True, capture_output=True)
+
+
+def test_a_run_needs_nothing_but_the_file(folder, capsys, monkeypatch):
+    assert main(["env.dynamics=plant.py:Cart", *SMALL]) == 0
+    run = RunFolder(folder / "run")
+    assert run.read_summary().route == "kernel"
+    names = run.read_best_tree().names
+    assert (names.id, names.features) == ("plant.py:Cart", ("x", "x_dot", "theta", "theta_dot"))
+    assert run.read_config().env.dynamics == "plant.py:Cart"
+    assert list(run.read_config().env.symmetry["negate_actions"]) == ["force"]
+    # The same tree, measured from here and from elsewhere, on both routes and beside other runs.
+    measured = []
+    for place, route in ((folder, "kernel"), (folder, "gymnasium"), (ROOT, "kernel")):
+        monkeypatch.chdir(place)
+        monkeypatch.syspath_prepend(str(folder))
+        capsys.readouterr()
+        tree = str(folder / "run" / "best_tree.json")
+        assert main(["evaluate", tree, "--episodes", "5", "--route", route, "--json"]) == 0
+        measured.append(json.loads(capsys.readouterr().out)["mean"])
+    assert measured == [pytest.approx(measured[0], rel=1e-12)] * 3
+    assert main(["report", str(folder)]) == 0
+
+
+def test_ppo_trains_on_it(folder):
+    ppo = [
+        "refiner.schedule.every=1",
+        "refiner.ppo.max_timesteps=1000",
+        "refiner.ppo.update_timesteps=250",
+        "polish=none",
+        "starts.races=0",
+    ]
+    assert main(["env.dynamics=plant.py:Cart", *SMALL, *ppo]) == 0
+    run = RunFolder(folder / "run")
+    assert run.read_summary().refined > 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["env.dynamics=motor.py:Motor", "refiner=cmaes"],
+        ["env.dynamics=motor.py:Motor", "refiner=none", "env.route=gymnasium", "env.workers=2"],
+        ["env.dynamics=plant.py:Cart", "refiner=none", "env.max_episode_steps=20"],
+    ],
+    ids=["cmaes", "workers", "a limit"],
+)
+def test_other_ways_to_run_it(folder, words):
+    assert main([*words, *SMALL]) == 0
+    assert RunFolder(folder / "run").read_summary().decision_nodes >= 0
+
+
+def test_the_file_that_is_gone_is_told_when_a_tree_is_measured(folder, capsys):
+    assert main(["env.dynamics=motor.py:Motor", "refiner=none", "polish=none", "starts.races=0", *SMALL]) == 0
+    (folder / "motor.py").unlink()
+    capsys.readouterr()
+    assert main(["evaluate", "run"]) == 2
+    told = capsys.readouterr().err
+    assert "motor.py:Motor must name a file" in told
+    assert f"it is neither in {folder} nor on PYTHONPATH" in told
+
+
+def test_the_file_of_init_holds_it(folder, capsys):
+    assert main(["init", "plant.py:Cart"]) == 0
+    assert "dynamics: plant.py:Cart" in (folder / "my_conf" / "env" / "cart.yaml").read_text()
+    assert main(["--config-dir", "my_conf", "env=cart", "--cfg", "job"]) == 0
+    assert "dynamics: plant.py:Cart" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("folder")
+def test_dynamics_beside_another_environment_are_refused(capsys):
+    assert main(["env=cartpole", "env.dynamics=plant.py:Cart"]) == 2
+    assert "env.id=CartPole-v1" in capsys.readouterr().err
+
+
+def test_the_kernel_is_a_hundred_times_as_fast_as_a_loop_over_gymnasium(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    spec = describe("docs/examples/plant.py:Cart")
+    law = DecisionTree.value_leaf([0.0], {0: [13.0], 1: [15.0], 2: [98.0], 3: [20.0]})
+    with closing(KernelBackend(spec, 1)) as kernel, closing(make_gymnasium(spec)) as environment:
+        kernel.evaluate(Forest.stack([law]), np.arange(64), "warm-up")
+        started = time.process_time()
+        steps = kernel.evaluate(Forest.stack([law]), np.arange(2000), "test").env_steps
+        fast = steps / (time.process_time() - started)
+        assert steps == 2000 * 500
+        environment.reset(seed=0)
+        started = time.process_time()
+        for _ in range(500):
+            environment.step(np.zeros(1, np.float32))
+        slow = 500 / (time.process_time() - started)
+    assert fast > 100 * slow
