@@ -107,11 +107,15 @@ class Config(Section):
             values["archive"] |= dict.fromkeys(_PROPOSALS, 0)
         if values["archive"]["keep"] == 0:
             values["archive"]["races"] = 0
-        if not free and self.ge.max_env_steps is None and self.ge.max_seconds is None:
+        most = self.starts.max_env_steps if has_sums else None
+        if self.ge.max_env_steps and most is not None:
+            values["ge"]["max_env_steps"] = min(most, self.ge.max_env_steps)
+        elif self.ge.max_env_steps is not None or self.ge.max_seconds is not None:
+            pass  # As it was asked for.
+        elif most is not None:
+            values["ge"]["max_env_steps"] = most
+        elif not free:
             values["ge"]["max_env_steps"] = max(1, int(float(f"{_DEAR_SECONDS * steps_per_second:.2g}")))
-        if has_sums and self.starts.max_env_steps is not None:
-            most = values["ge"]["max_env_steps"] or math.inf
-            values["ge"]["max_env_steps"] = min(most, self.starts.max_env_steps)
         if self.starts.max_timesteps is None:
             values["starts"]["max_timesteps"] = self._race_steps(values["ge"], steps_per_second, free=free)
         values["evaluation"]["steps_per_second"] = float(f"{steps_per_second:.2g}")

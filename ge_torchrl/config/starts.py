@@ -38,8 +38,8 @@ class StartsConfig(Section):
         None,
         at_least=1,
         because="a run is more than its races",
-        doc="Environment steps that a run with dense starts may take, where `ge.max_env_steps` lets it take more; "
-        "null: as many as that says.",
+        doc="Environment steps that a run with dense starts may take, on a machine of any speed, unless "
+        "`ge.max_env_steps` is fewer or `ge.max_seconds` is given; null leaves it to these.",
     )
     rounding_episodes: int = setting(
         200,

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing.context import SpawnContext
 from typing import Any, TypeVar
 
 import gymnasium as gym
@@ -77,6 +78,16 @@ def _modules_of(spec: EnvironmentSpec, registered: Any) -> list[str]:
     return list(dict.fromkeys(module for text in named if (module := text.rpartition(":")[0])))
 
 
+def spawning() -> SpawnContext:
+    """Return what starts processes anew, also within a process that joblib started.
+
+    Such a process has a start method that no process knows which was not started by joblib too.
+    """
+    if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
+        multiprocessing.set_start_method("spawn", force=True)
+    return multiprocessing.get_context("spawn")
+
+
 class Workers:
     """Processes with a `Runner` each. They are started by the first call and serve later ones.
 
@@ -95,7 +106,7 @@ class Workers:
         self.n_workers = n_workers
         self.is_usable = True
         self._id = spec.id
-        context = multiprocessing.get_context("spawn")
+        context = spawning()
         self._board = _Board(
             context.RawArray("q", n_workers),
             context.RawArray("q", n_workers),

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import available_cores
 from ge_torchrl.environments.border import Border, Witness, random_action
-from ge_torchrl.environments.gymnasium_workers import portable, unpack
+from ge_torchrl.environments.gymnasium_workers import portable, spawning, unpack
 from ge_torchrl.environments.shared_arrays import Arrays, Memory
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
@@ -199,7 +199,7 @@ class _Other:
     """Another process with some of the copies."""
 
     def __init__(self, spec: EnvironmentSpec, memory: Memory, first: int, end: int) -> None:
-        context = multiprocessing.get_context("spawn")
+        context = spawning()
         self._id = spec.id
         ours, theirs = context.Pipe(duplex=False)
         self._line = _Line(

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.artefacts.records import RefinementRecord
 from ge_torchrl.errors import UserError
 from ge_torchrl.report.canvas import save_figure
@@ -30,6 +31,7 @@ from ge_torchrl.report.tables import Table
 from ge_torchrl.report.thesis.beside import published_beside, refinements_of
 from ge_torchrl.report.thesis.pairs import comparison_text, pair_by_seed
 from ge_torchrl.report.thesis.solving import env_steps_of, paired_ratio
+from ge_torchrl.run.closing import tree_text
 
 # What PPO refines in the runs of each folder of multirun/solving/ENVIRONMENT, beside those in `alone`.
 SOLVING = {
@@ -56,6 +58,13 @@ PUBLISHED = {
 }
 # The sizes whose trees the first table shows.
 SHOWN = {"CartPole-v1": (2, 3), "Acrobot-v1": (3, 5, 8), "MountainCar-v0": (3, 4, 7)}
+# Small rules: what the median of ten seeds is to reach, with how many decision nodes at the most, and on how many
+# episodes trees are tested.
+RULES = {
+    "pendulum": ("linear laws", -150.0, 2, 10_000),
+    "mountaincar_continuous": ("linear laws", 98.5, 2, 10_000),
+    "lunarlander": ("weighted sums", 265.0, 5, 1000),
+}
 ORIGINS = {"individual": "individuals", "neighbour": "neighbours", "archive": "kept trees"}
 
 
@@ -135,6 +144,59 @@ def published_tables(_folder: Path, _figures: Path) -> Iterator[tuple[str, str]]
         rows.append([f"{environment}, {nodes} decision nodes", f"{said[name]:.2f}", *means])
     head = ("tree", "thesis, 100 episodes", "Gymnasium route", "kernel route")
     yield "published", Table.of(head, rows).markdown()
+
+
+def rules_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
+    """Small rules: each run's best tree in its own validation among those that are small enough, on unseen episodes."""
+    head = (
+        "task",
+        "to reach",
+        "median run",
+        "worst run",
+        "best run",
+        "runs that reach it",
+        "decision nodes",
+        "PPO refined, bettered",
+        "seconds a run, median",
+    )
+    rows, texts = [], []
+    for name, (kind, goal, most, episodes) in RULES.items():
+        if not (folder / "rules" / name).exists():
+            continue
+        runs = read_runs(folder / "rules" / name).runs
+        sizes = [
+            max(
+                (tree for tree in run.by_size if tree.decision_nodes <= most), key=lambda t: t.validation_mean
+            )
+            for run in runs
+        ]
+        found = [
+            evaluate(run.path, episodes, FIRST_SEED, nodes=tree.decision_nodes)
+            for run, tree in zip(runs, sizes, strict=True)
+        ]
+        means = [one.mean for one in found]
+        title = f"{runs[0].environment}, {kind}"
+        refined = [record for run in runs for record in run.refinements if record.outcome != "skipped"]
+        rows.append(
+            [
+                title,
+                f"{goal:g} with {most} or fewer",
+                *(f"{value:.2f}" for value in (np.median(means), min(means), max(means))),
+                f"{sum(mean >= goal for mean in means)} of {len(means)}",
+                ", ".join(str(one.decision_nodes) for one in found),
+                f"{len(refined)}, {sum(record.outcome == 'improved' for record in refined)}",
+                f"{np.median([run.summary.wall_seconds for run in runs]):.0f}",
+            ]
+        )
+        # Of an even number the lower one of the two in the middle.
+        middle = int(np.argsort(means)[(len(means) - 1) // 2])
+        rule = RunFolder(runs[middle].path).read_archive_tree(found[middle].decision_nodes)
+        mean, std = found[middle].mean, found[middle].std
+        texts.append(
+            f"{title}, seed {runs[middle].seed}: {mean:.2f} ± {std:.2f} over {episodes:,} episodes\n\n"
+            f"```\n{tree_text(rule)}\n```"
+        )
+    yield "rules", "\n\n".join([Table.of(head, rows).markdown(), *texts])
 
 
 def _in_short(methods: Iterable[EvaluatedMethod]) -> Table:
@@ -280,6 +342,7 @@ TABLES = {
     "solving": solving_tables,
     "thesis": thesis_tables,
     "published": published_tables,
+    "rules": rules_tables,
 }
 
 

@@ -257,11 +257,19 @@ def test_races_of_dense_starts_have_their_part_of_what_a_run_may_take(ge, steps)
 
 
 @pytest.mark.parametrize(
-    ("asked", "most"), [(None, 90_000), (50_000, 50_000), (100_000, 90_000), (0, 90_000)]
+    ("ge", "most"),
+    [
+        ({}, 90_000),
+        ({"max_env_steps": 50_000}, 50_000),
+        ({"max_env_steps": 100_000}, 90_000),
+        ({"max_env_steps": 0}, 0),
+        ({"max_seconds": 9.0}, None),
+    ],
 )
-def test_a_run_with_dense_starts_may_take_less_than_another(asked, most):
+@pytest.mark.parametrize("speed", [100, 20_000, 1e8])
+def test_a_run_with_dense_starts_may_take_steps_of_its_own_whatever_the_speed(ge, most, speed):
     config = Config.from_mapping(
-        {**VALUES, "ge": {**VALUES["ge"], "max_env_steps": asked}, "starts": {"max_env_steps": 90_000}}
+        {**VALUES, "ge": {**VALUES["ge"], **ge}, "starts": {"max_env_steps": 90_000}}
     )
-    assert config.resolved(20_000, has_sums=True).ge.max_env_steps == most
-    assert config.resolved(20_000).ge.max_env_steps == (3_600_000 if asked is None else asked)
+    assert config.resolved(speed, has_sums=True).ge.max_env_steps == most
+    assert config.resolved(20_000).ge.max_env_steps == (ge.get("max_env_steps") if ge else 3_600_000)
