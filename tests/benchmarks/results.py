@@ -31,7 +31,7 @@ from ge_torchrl.report.tables import Table
 from ge_torchrl.report.thesis.beside import published_beside, refinements_of
 from ge_torchrl.report.thesis.pairs import comparison_text, pair_by_seed
 from ge_torchrl.report.thesis.solving import env_steps_of, paired_ratio
-from ge_torchrl.run.closing import tree_text
+from ge_torchrl.trees.text import render_text
 
 # What PPO refines in the runs of each folder of multirun/solving/ENVIRONMENT, beside those in `alone`.
 SOLVING = {
@@ -194,7 +194,7 @@ def rules_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
         mean, std = found[middle].mean, found[middle].std
         texts.append(
             f"{title}, seed {runs[middle].seed}: {mean:.2f} ± {std:.2f} over {episodes:,} episodes\n\n"
-            f"```\n{tree_text(rule)}\n```"
+            f"```\n{render_text(rule.tree, rule.names)}\n```"
         )
     yield "rules", "\n\n".join([Table.of(head, rows).markdown(), *texts])
 
