@@ -26,6 +26,18 @@ class Limit:
     deadline: float = math.inf
     max_env_steps: int | None = None
 
+    def part(self, share: float, done: int) -> Limit:
+        """Return how far somebody may go who may take a part of what is left.
+
+        Args:
+            share: The part, from 0 to 1.
+            done: Environment steps until now.
+        """
+        now, most = time.perf_counter(), self.max_env_steps
+        return Limit(
+            now + share * (self.deadline - now), None if most is None else done + int(share * (most - done))
+        )
+
 
 class LimitReachedError(Exception):
     """A run has come to its limit: not a fault, but the end of what it may do.

@@ -8,12 +8,14 @@ clearly worse costs little.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ge_torchrl.environments.backend import LimitReachedError
 from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.refiners.ties import Ties, ties_of
 from ge_torchrl.trees.forest import Forest
@@ -55,19 +57,17 @@ class Rounding:
     ) -> None:
         self._tree, self._mirror, self._spread = tree, mirror, spread
         self._seeds, self._measure = seeds, measure
-        self._returns = measure(Forest.stack([tree]), seeds)[0]
+        self._returns = np.zeros(0)
 
     def run(self) -> DecisionTree:
-        """Return the tree, rounded as far as it keeps its return; as it was where nothing can be had.
-
-        Raises:
-            LimitReachedError: The backend's limit was reached first.
-        """
-        tree = self._rounded(scaled(self._tree, self._spread))
-        if tree is None:
-            return self._tree
-        while (shorter := self._best(self._with_a_term_less(tree))) is not None:
-            tree = shorter
+        """Return the tree, rounded as far as it keeps its return, or as the backend's limit leaves room for."""
+        tree = self._tree
+        with suppress(LimitReachedError):
+            self._returns = self._measure(Forest.stack([tree]), self._seeds)[0]
+            better = self._rounded(scaled(tree, self._spread))
+            while better is not None:
+                tree = better
+                better = self._best(self._with_a_term_less(tree))
         return tree
 
     def _rounded(self, tree: DecisionTree) -> DecisionTree | None:
@@ -153,7 +153,10 @@ def with_decimals(tree: DecisionTree, spread: NDArray[np.float64], decimals: int
 
 
 def without_zero_terms(tree: DecisionTree) -> DecisionTree:
-    """Return the tree without terms of weight 0; a split without terms goes where a sum of 0 does."""
+    """Return the tree without terms of weight 0, and with one term for each feature of a sum.
+
+    A split without terms goes where a sum of 0 does.
+    """
     return _grown(tree, 0 if tree.num_decision_nodes else ~0)
 
 
@@ -161,16 +164,16 @@ def _grown(tree: DecisionTree, node: int) -> DecisionTree:
     if node < 0:
         return _leaf(tree, ~node)
     terms = range(tree.term_start[node], tree.term_start[node + 1])
-    kept = [k for k in terms if tree.weight[k] != 0]
+    sums = _summed((int(tree.feature[k]), tree.weight[[k]]) for k in terms)
     threshold = float(tree.threshold[node])
     left, right = int(tree.children_left[node]), int(tree.children_right[node])
-    if not kept:
+    if not sums:
         return _grown(tree, left if threshold > 0 else right)
-    weight = tree.weight[kept].astype(np.float64)
-    if len(kept) == 1 and len(terms) > 1:
+    weight = np.concatenate(list(sums.values()))
+    if len(sums) == 1 and len(terms) > 1:
         threshold, weight = threshold / abs(weight[0]), np.sign(weight)
     return DecisionTree.weighted_split(
-        tree.feature[kept].tolist(), weight.tolist(), threshold, _grown(tree, left), _grown(tree, right)
+        list(sums), weight.tolist(), threshold, _grown(tree, left), _grown(tree, right)
     )
 
 
@@ -178,10 +181,18 @@ def _leaf(tree: DecisionTree, leaf: int) -> DecisionTree:
     if tree.has_actions:
         return DecisionTree.leaf(int(tree.action[leaf]))
     terms = range(tree.leaf_term_start[leaf], tree.leaf_term_start[leaf + 1])
-    linear = {
-        int(tree.leaf_feature[q]): tree.leaf_weight[q].tolist() for q in terms if tree.leaf_weight[q].any()
-    }
-    return DecisionTree.value_leaf(tree.value[leaf].tolist(), linear)
+    sums = _summed((int(tree.leaf_feature[q]), tree.leaf_weight[q]) for q in terms)
+    return DecisionTree.value_leaf(
+        tree.value[leaf].tolist(), {feature: weight.tolist() for feature, weight in sums.items()}
+    )
+
+
+def _summed(terms: Iterable[tuple[int, NDArray[np.float32]]]) -> dict[int, NDArray[np.float64]]:
+    """Return the weights of each feature, those of terms that it shares added, but for features of weight 0."""
+    sums: dict[int, NDArray[np.float64]] = {}
+    for feature, weight in terms:
+        sums[feature] = sums.get(feature, np.zeros(len(weight))) + weight
+    return {feature: weight for feature, weight in sums.items() if weight.any()}
 
 
 def _is_weight(tree: DecisionTree) -> NDArray[np.bool_]:

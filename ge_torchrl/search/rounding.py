@@ -21,6 +21,8 @@ from ge_torchrl.trees.forest import Forest
 ROUNDING = "rounding"
 """The purpose that steps of rounding are counted under."""
 
+# Of what the limit leaves, the part that one tree's rounding may take.
+_PART: Final = 0.8
 # Steps that show how far features spread under a tree that is rounded.
 _OBSERVED: Final = 1000
 
@@ -28,7 +30,8 @@ _OBSERVED: Final = 1000
 def round_kept(problem: Problem, state: SearchState) -> SearchState:
     """Round the best kept trees with sums to few terms and few digits; each takes the place of all of its size.
 
-    The best of each size, the fittest first. Where a limit breaks it off, what was rounded before is kept.
+    The best of each size, the fittest first. Of what a limit leaves each may take a large part, so that there is room
+    to measure and keep what came of it.
     """
     episodes = problem.config.starts.rounding_episodes
     if not problem.rounds:
@@ -49,7 +52,13 @@ def round_kept(problem: Problem, state: SearchState) -> SearchState:
             spread = spread_of(observed)
             if problem.mirror is not None:
                 spread = np.maximum(spread, spread[problem.mirror.feature])
-            tree = Rounding(member.tree, problem.mirror, spread, seeds, returns).run()
+            limit = problem.backend.limit
+            if limit is not None:
+                problem.backend.limit = limit.part(_PART, problem.backend.steps.total())
+            try:
+                tree = Rounding(member.tree, problem.mirror, spread, seeds, returns).run()
+            finally:
+                problem.backend.limit = limit
             if tree != member.tree:
                 # Validation would choose among kept trees by differences too small to be worth their digits.
                 size = member.tree.num_decision_nodes

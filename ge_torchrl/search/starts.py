@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.backend import Backend, Limit, LimitReachedError
+from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.refiners.local_search import spread_of
 from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.refiners.strategy import Strategy
@@ -76,7 +76,10 @@ def dense_starts(problem: Problem, population: Population, generation: int) -> l
         most_splits=min(MOST_SPLITS, config.archive.max_nodes),
     )
     limit = backend.limit
-    backend.limit = _its_part(limit, backend.steps.total(), config.starts.races)
+    if limit is not None:
+        # Each race has the same part of what is left.
+        part = 1 - (1 - _RACES_SHARE) ** (1 / config.starts.races)
+        backend.limit = limit.part(part, backend.steps.total())
     try:
         timesteps = config.starts.max_timesteps or 0
         trees = race(backend, shapes, problem.mirror, config.starts.count, timesteps, rng)
@@ -92,18 +95,6 @@ def dense_starts(problem: Problem, population: Population, generation: int) -> l
         config.evaluation.std_penalty,
     )
     return [Contender(tree, float(value), START) for tree, value in zip(trees, fitness, strict=True)]
-
-
-def _its_part(limit: Limit | None, done: int, races: int) -> Limit | None:
-    """Return how far one of all races may go after so many steps of the run, so that others have their turn."""
-    if limit is None:
-        return None
-    now, most = time.perf_counter(), limit.max_env_steps
-    # Each has the same part of what is left.
-    part = 1 - (1 - _RACES_SHARE) ** (1 / races)
-    return Limit(
-        now + part * (limit.deadline - now), None if most is None else done + int(part * (most - done))
-    )
 
 
 def _spread(problem: Problem, population: Population, rng: np.random.Generator) -> NDArray[np.float64]:
