@@ -16,7 +16,7 @@ class ScheduleConfig(Section):
         10,
         at_least=0,
         because="it counts generations; 0 leaves it to refiner.schedule.generations",
-        dear=12,
+        dear=3,
         doc="After every so many generations, counted from 0 and not in generation 0; 0: none.",
     )
     generations: tuple[int, ...] = setting(

@@ -81,7 +81,9 @@ def step(problem: Problem, state: SearchState) -> tuple[SearchState, Events]:
             *leaders(written.population, problem.config.archive.max_nodes),
         ],
     )
-    archive, climbers = climb(problem, archive, state.climbers, generation)
+    climbers = state.climbers
+    if not problem.races_in(generation):
+        archive, climbers = climb(problem, archive, climbers, generation)
     population = written.population
     if proposals or problem.config.archive.races > 0:
         population = _migrate(problem, population, archive, generation)

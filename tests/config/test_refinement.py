@@ -10,7 +10,7 @@ def test_ppo_refines_and_local_search_polishes_where_nothing_is_said():
     config = Config.from_mapping(VALUES)
     assert config.refiner.enabled
     assert (config.refiner.method, config.resolved(1e8).refiner.schedule.every) == ("ppo", 10)
-    assert config.resolved(1e4).refiner.schedule.every == 12, "where steps are dear races come first"
+    assert config.resolved(1e4).refiner.schedule.every == 3, "where steps are dear a run has few generations"
     assert config.polish.enabled
     assert not Config.from_mapping({**VALUES, "refiner": {"method": "none"}}).refiner.enabled
     assert not PolishConfig(every=0).enabled

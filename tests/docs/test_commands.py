@@ -20,7 +20,7 @@ from ge_torchrl.cli import VERBS
 from ge_torchrl.cli.choices import with_environment
 from ge_torchrl.config import check_key
 from ge_torchrl.errors import UserError
-from ge_torchrl.report import runs
+from ge_torchrl.report import pages, runs
 from ge_torchrl.run import starting_file, surveying
 
 SECTIONS = ("env", "grammar", "ge", "evaluation", "refiner", "polish", "archive")
@@ -64,7 +64,12 @@ def test_a_verb_that_is_printed_takes_its_arguments(arguments, experiment, monke
     def stop(*_):
         raise UserError("the arguments were read")
 
-    for room, name in ((runs, "gather_runs"), (surveying, "survey"), (starting_file, "write_starting_file")):
+    for room, name in (
+        (runs, "gather_runs"),
+        (pages, "gather_runs"),
+        (surveying, "survey"),
+        (starting_file, "write_starting_file"),
+    ):
         monkeypatch.setattr(room, name, stop)
     status = command_line.main(arguments)
     assert experiment.evaluated or (status == 2 and "the arguments were read" in capsys.readouterr().err)

@@ -79,11 +79,11 @@ def test_what_cannot_be_measured_is_not_bounded(monkeypatch, tmp_path):
 def test_what_is_measured_is_closed():
     closed = []
 
-    class ClosingEnv(WalkEnv):
+    class CountedEnv(WalkEnv):
         def close(self):
             closed.append(self)
 
-    described = describe(register(ClosingEnv))
+    described = describe(register(CountedEnv))
     closed.clear()
     copies_that_fit(described)
     assert len(closed) == 2

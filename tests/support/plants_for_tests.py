@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -152,12 +154,17 @@ def write_plants(folder: Path) -> Path:
     return path
 
 
-def in_plain_python(path: Path, name: str, state: tuple[float, ...], action: Any) -> tuple[Any, float, bool]:
-    """One step of a plant as its author would make it by hand, without any of our code."""
+@cache
+def _module(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location("plants_in_plain_python", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    plant = getattr(module, name)
+    return module
+
+
+def in_plain_python(path: Path, name: str, state: tuple[float, ...], action: Any) -> tuple[Any, float, bool]:
+    """One step of a plant as its author would make it by hand, without any of our code."""
+    plant = getattr(_module(path), name)
     if hasattr(plant, "step"):
         return getattr(plant.step, "py_func", plant.step)(state, action)
 
