@@ -45,7 +45,6 @@ from ge_torchrl.search.refinement import IMPROVED
 from ge_torchrl.search.restarts import together
 from ge_torchrl.search.rounding import round_kept
 from ge_torchrl.search.state import Events, SearchState
-from ge_torchrl.search.symmetry import check_mirror
 from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller
 
@@ -159,7 +158,6 @@ class _Run:
     def _search_and_choose(self) -> tuple[str, float, Verdict]:
         self.backend.limit = self.allowance.until(Phase.SEARCH)
         try:
-            check_mirror(self.problem)
             stopped_by = self.search.run()
         except LimitReachedError as limit:
             raise UserError(

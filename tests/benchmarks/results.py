@@ -15,8 +15,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from rules_tables import rules_tables, without
 
-from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.artefacts.records import RefinementRecord
 from ge_torchrl.errors import UserError
 from ge_torchrl.report.canvas import save_figure
@@ -31,7 +31,6 @@ from ge_torchrl.report.tables import Table
 from ge_torchrl.report.thesis.beside import published_beside, refinements_of
 from ge_torchrl.report.thesis.pairs import comparison_text, pair_by_seed
 from ge_torchrl.report.thesis.solving import env_steps_of, paired_ratio
-from ge_torchrl.trees.text import render_text
 
 # What PPO refines in the runs of each folder of multirun/solving/ENVIRONMENT, beside those in `alone`.
 SOLVING = {
@@ -58,13 +57,6 @@ PUBLISHED = {
 }
 # The sizes whose trees the first table shows.
 SHOWN = {"CartPole-v1": (2, 3), "Acrobot-v1": (3, 5, 8), "MountainCar-v0": (3, 4, 7)}
-# Small rules: what the median of ten seeds is to reach, with how many decision nodes at the most, and on how many
-# episodes trees are tested.
-RULES = {
-    "pendulum": ("linear laws", -150.0, 2, 10_000),
-    "mountaincar_continuous": ("linear laws", 98.5, 2, 10_000),
-    "lunarlander": ("weighted sums", 265.0, 5, 1000),
-}
 ORIGINS = {"individual": "individuals", "neighbour": "neighbours", "archive": "kept trees"}
 
 
@@ -76,7 +68,7 @@ def default_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
         for method in evaluate_runs(folder / "default" / name, EPISODES, FIRST_SEED).methods
     ]
     yield "default", _in_short(methods).markdown()
-    yield "summary", _without(_in_short(methods), "worst run", "seconds a run, median").markdown()
+    yield "summary", without(_in_short(methods), "worst run", "seconds a run, median").markdown()
     yield "default-sizes", _by_size(methods).markdown()
     yield "default-seeds", _by_seed(methods).markdown()
     runs = [run for name in ENVIRONMENTS for run in read_runs(folder / "default" / name).runs]
@@ -146,59 +138,6 @@ def published_tables(_folder: Path, _figures: Path) -> Iterator[tuple[str, str]]
     yield "published", Table.of(head, rows).markdown()
 
 
-def rules_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
-    """Small rules: each run's best tree in its own validation among those that are small enough, on unseen episodes."""
-    head = (
-        "task",
-        "to reach",
-        "median run",
-        "worst run",
-        "best run",
-        "runs that reach it",
-        "decision nodes",
-        "PPO refined, bettered",
-        "seconds a run, median",
-    )
-    rows, texts = [], []
-    for name, (kind, goal, most, episodes) in RULES.items():
-        if not (folder / "rules" / name).exists():
-            continue
-        runs = read_runs(folder / "rules" / name).runs
-        sizes = [
-            max(
-                (tree for tree in run.by_size if tree.decision_nodes <= most), key=lambda t: t.validation_mean
-            )
-            for run in runs
-        ]
-        found = [
-            evaluate(run.path, episodes, FIRST_SEED, nodes=tree.decision_nodes)
-            for run, tree in zip(runs, sizes, strict=True)
-        ]
-        means = [one.mean for one in found]
-        title = f"{runs[0].environment}, {kind}"
-        refined = [record for run in runs for record in run.refinements if record.outcome != "skipped"]
-        rows.append(
-            [
-                title,
-                f"{goal:g} with {most} or fewer",
-                *(f"{value:.2f}" for value in (np.median(means), min(means), max(means))),
-                f"{sum(mean >= goal for mean in means)} of {len(means)}",
-                ", ".join(str(one.decision_nodes) for one in found),
-                f"{len(refined)}, {sum(record.outcome == 'improved' for record in refined)}",
-                f"{np.median([run.summary.wall_seconds for run in runs]):.0f}",
-            ]
-        )
-        # Of an even number the lower one of the two in the middle.
-        middle = int(np.argsort(means)[(len(means) - 1) // 2])
-        rule = RunFolder(runs[middle].path).read_archive_tree(found[middle].decision_nodes)
-        mean, std = found[middle].mean, found[middle].std
-        texts.append(
-            f"{title}, seed {runs[middle].seed}: {mean:.2f} ± {std:.2f} over {episodes:,} episodes\n\n"
-            f"```\n{render_text(rule.tree, rule.names)}\n```"
-        )
-    yield "rules", "\n\n".join([Table.of(head, rows).markdown(), *texts])
-
-
 def _in_short(methods: Iterable[EvaluatedMethod]) -> Table:
     head = (
         "environment",
@@ -222,11 +161,6 @@ def _in_short(methods: Iterable[EvaluatedMethod]) -> Table:
         yield f"{np.median([run.row.wall_seconds for run in method.runs]):.0f}"
 
     return Table.of(head, map(row, methods))
-
-
-def _without(table: Table, *titles: str) -> Table:
-    kept = [n for n, title in enumerate(table.head) if title not in titles]
-    return Table.of((table.head[n] for n in kept), ((row[n] for n in kept) for row in table.rows))
 
 
 def _by_size(methods: Iterable[EvaluatedMethod]) -> Table:

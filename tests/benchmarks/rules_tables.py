@@ -1,0 +1,87 @@
+"""The tables of small rules, of weighted sums and of actions that are numbers; `results.py` writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.report.evaluation import evaluate
+from ge_torchrl.report.runs import read_runs
+from ge_torchrl.report.tables import Table
+from ge_torchrl.trees.text import render_text
+
+_FIRST_SEED = 1_000_000
+# Small rules: what the median of ten seeds is to reach, with how many decision nodes at the most, on how many episodes
+# trees are tested, and what agents of the stable-baselines3 zoo return as its page says.
+RULES = {
+    "pendulum": ("linear laws", -150.0, 2, 10_000, "PPO -172.2, TD3 -151.9"),
+    "mountaincar_continuous": ("linear laws", 98.5, 2, 10_000, "PPO 88.3, ARS 96.7"),
+    "lunarlander": ("weighted sums", 265.0, 5, 1000, "DQN 154, PPO 242.1"),
+}
+
+
+def rules_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
+    """Small rules: each run's best tree in its own validation among those that are small enough, on unseen episodes."""
+    head = (
+        "task",
+        "deep RL, published",
+        "to reach",
+        "median run",
+        "worst run",
+        "best run",
+        "runs that reach it",
+        "decision nodes",
+        "PPO refined, bettered",
+        "seconds a run, median",
+    )
+    rows, texts = [], []
+    for name, (kind, goal, most, episodes, published) in RULES.items():
+        if not (folder / "rules" / name).exists():
+            continue
+        runs = read_runs(folder / "rules" / name).runs
+        sizes = [
+            max(
+                (tree for tree in run.by_size if tree.decision_nodes <= most), key=lambda t: t.validation_mean
+            )
+            for run in runs
+        ]
+        found = [
+            evaluate(run.path, episodes, _FIRST_SEED, nodes=tree.decision_nodes)
+            for run, tree in zip(runs, sizes, strict=True)
+        ]
+        means = [one.mean for one in found]
+        title = f"{runs[0].environment}, {kind}"
+        refined = [record for run in runs for record in run.refinements if record.outcome != "skipped"]
+        rows.append(
+            [
+                title,
+                published,
+                f"{goal:g} with {most} or fewer",
+                *(f"{value:.2f}" for value in (np.median(means), min(means), max(means))),
+                f"{sum(mean >= goal for mean in means)} of {len(means)}",
+                ", ".join(str(one.decision_nodes) for one in found),
+                f"{len(refined)}, {sum(record.outcome == 'improved' for record in refined)}",
+                f"{np.median([run.summary.wall_seconds for run in runs]):.0f}",
+            ]
+        )
+        # Of an even number the lower one of the two in the middle.
+        middle = int(np.argsort(means)[(len(means) - 1) // 2])
+        rule = RunFolder(runs[middle].path).read_archive_tree(found[middle].decision_nodes)
+        mean, std = found[middle].mean, found[middle].std
+        texts.append(
+            f"{title}, seed {runs[middle].seed}: {mean:.2f} ± {std:.2f} over {episodes:,} episodes\n\n"
+            f"```\n{render_text(rule.tree, rule.names)}\n```"
+        )
+    table = Table.of(head, rows)
+    yield "rules", "\n\n".join([table.markdown(), *texts])
+    titles = ("to reach", "runs that reach it", "PPO refined, bettered", "seconds a run, median")
+    yield "rules-summary", without(table, *titles).markdown()
+
+
+def without(table: Table, *titles: str) -> Table:
+    """Return a table without some of its columns."""
+    kept = [n for n, title in enumerate(table.head) if title not in titles]
+    return Table.of((table.head[n] for n in kept), ((row[n] for n in kept) for row in table.rows))
