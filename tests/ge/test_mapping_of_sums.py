@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grammars_for_tests import ACTIONS, FEATURES, genotypes
+from grammars_for_tests import ACTIONS, FEATURES, equal, genotypes, map_alike_however_often_and_however_many
 from hypothesis import given
 from hypothesis import strategies as st
 from reference_mapper import OutOfCodonsError, ReferenceMapper
@@ -18,14 +18,6 @@ from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf = DecisionTree.leaf
-
-
-def equal(one, other):
-    """Whether two forests hold the same bytes."""
-    return all(
-        mine.dtype == theirs.dtype and np.array_equal(mine, theirs)
-        for mine, theirs in zip(one.arrays, other.arrays, strict=True)
-    )
 
 
 def mapped(text, codons, actions=("force",), **options):
@@ -59,12 +51,7 @@ def test_kernel_maps_as_the_reference_does(grammar, rows, wraps):
 @patient
 @given(grammars_with_terms(), st.lists(genotypes(), min_size=1, max_size=4), st.integers(0, 2))
 def test_the_same_codons_give_the_same_trees(grammar, rows, wraps):
-    codons = np.stack([np.resize(row, 12) for row in rows])
-    tables = compile_rules(grammar)
-    forest = map_population(codons, tables, wraps)
-    assert equal(forest, map_population(codons, tables, wraps))
-    one_by_one = [map_population(row[np.newaxis], tables, wraps) for row in codons]
-    assert equal(forest, Forest.concatenate(one_by_one))
+    assert map_alike_however_often_and_however_many(grammar, rows, wraps)
 
 
 def test_golden_derivation():

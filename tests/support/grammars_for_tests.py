@@ -10,6 +10,9 @@ from hypothesis import strategies as st
 
 from ge_torchrl.ge.codons import CODON_LIMIT, Codons
 from ge_torchrl.ge.grammar import Grammar, read_grammar
+from ge_torchrl.ge.mapping import map_population
+from ge_torchrl.ge.rule_tables import compile_rules
+from ge_torchrl.trees.forest import Forest
 
 # The first example that meets a kernel waits for its compilation: no example may have a deadline.
 settings.register_profile("compiled", deadline=None)
@@ -89,3 +92,22 @@ def reachable_text(lines: dict[str, list[str]]) -> str:
                 reached.append(name)
                 pending.append(name)
     return "\n".join(f"<{name}> ::= {' | '.join(lines[name])}" for name in reached)
+
+
+def equal(one: Forest, other: Forest) -> bool:
+    """Whether two forests hold the same bytes."""
+    return all(
+        mine.dtype == theirs.dtype and np.array_equal(mine, theirs)
+        for mine, theirs in zip(one.arrays, other.arrays, strict=True)
+    )
+
+
+def map_alike_however_often_and_however_many(grammar: Grammar, rows: list[Codons], wraps: int) -> bool:
+    """Whether the same codons give the same trees, again and one by one."""
+    codons = np.stack([np.resize(row, 12) for row in rows])
+    tables = compile_rules(grammar)
+    forest = map_population(codons, tables, wraps)
+    one_by_one = [map_population(row[np.newaxis], tables, wraps) for row in codons]
+    return equal(forest, map_population(codons, tables, wraps)) and equal(
+        forest, Forest.concatenate(one_by_one)
+    )
