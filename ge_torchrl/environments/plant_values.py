@@ -28,13 +28,13 @@ class PlantActions:
     bounds: tuple[tuple[float, float], ...] = ()
 
 
-def features_of(described: type, dynamics: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def features_of(described: Any, dynamics: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return names and units of what is observed.
 
     Raises:
         EnvironmentFaultError: They are neither names nor names with units.
     """
-    given: Any = described.features  # type: ignore[attr-defined]
+    given: Any = described.features
     if isinstance(given, Mapping):
         names, units = tuple(given), tuple(given.values())
     elif isinstance(given, Sequence) and not isinstance(given, str):
@@ -49,13 +49,13 @@ def features_of(described: type, dynamics: str) -> tuple[tuple[str, ...], tuple[
     return names, units
 
 
-def actions_of(described: type, dynamics: str) -> PlantActions:
+def actions_of(described: Any, dynamics: str) -> PlantActions:
     """Return what a plant can be given.
 
     Raises:
         EnvironmentFaultError: It is none of the three forms that there are.
     """
-    given: Any = described.actions  # type: ignore[attr-defined]
+    given: Any = described.actions
     is_list = isinstance(given, Sequence) and not isinstance(given, str)
     names = tuple(given) if is_list or isinstance(given, Mapping) else ()
     if names and all(isinstance(name, str) and name for name in names):
@@ -77,13 +77,13 @@ def actions_of(described: type, dynamics: str) -> PlantActions:
     )
 
 
-def start_of(described: type, dynamics: str) -> tuple[tuple[float, float], ...]:
+def start_of(described: Any, dynamics: str) -> tuple[tuple[float, float], ...]:
     """Return (low, high) of each entry of the first state.
 
     Raises:
         EnvironmentFaultError: They are no bounds.
     """
-    given: Any = described.start  # type: ignore[attr-defined]
+    given: Any = described.start
     entries = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else []
     bounds = [(float(entry), float(entry)) if _is_number(entry) else _interval(entry) for entry in entries]
     known = tuple(bound for bound in bounds if bound is not None and bound[0] <= bound[1])
