@@ -24,7 +24,7 @@ from ge_torchrl.environments.lanes import (
     REWARD,
     TERMINATED,
 )
-from ge_torchrl.environments.plant import names_plant
+from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, GymEnvironment, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
 

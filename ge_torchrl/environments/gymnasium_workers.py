@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import gymnasium as gym
 
 from ge_torchrl.environments.gymnasium_runner import Runner, Watch
-from ge_torchrl.environments.plant import names_plant
+from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, registered_id
 from ge_torchrl.errors import EnvironmentFaultError
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ge_torchrl.environments.dynamics import DYNAMICS, Dynamics
-from ge_torchrl.environments.plant import names_plant
-from ge_torchrl.environments.plant_kernel import plant_kernel
+from ge_torchrl.environments.plants.kernel import plant_kernel
+from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec
 
 

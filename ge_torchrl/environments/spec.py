@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ge_torchrl.config import EnvironmentConfig
 from ge_torchrl.environments.naming import feature_names
-from ge_torchrl.environments.plant import names_plant, read_plant
-from ge_torchrl.environments.plant_environment import register_plant
+from ge_torchrl.environments.plants.environment import register_plant
+from ge_torchrl.environments.plants.plant import names_plant, read_plant
 from ge_torchrl.environments.suitable import action_bounds, float32_bounds, observed_box, one_line
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.trees.controller import Names
@@ -38,7 +38,7 @@ class EnvironmentSpec:
 
     Attributes:
         id: What `gym.make` takes: a Gymnasium id, with a `module:` in front where a module registers it. Or a user's
-            own dynamics, `file.py:Class`; see `plant`.
+            own dynamics, `file.py:Class`; see `plants`.
         names: How the environment is made, and the names of its features, units and actions.
         low: [D] float32, lower bounds that the environment declares, possibly infinite and possibly untrue: what was
             seen of them is in `GymnasiumBackend.bounds`.

@@ -12,7 +12,7 @@ from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend
 from ge_torchrl.environments.kernels import has_kernel
 from ge_torchrl.environments.mirroring import Verdict, check_mirror
-from ge_torchrl.environments.plant import names_plant
+from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings, symmetry_of
 from ge_torchrl.refiners.mirror import Mirror

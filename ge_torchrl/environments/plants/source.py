@@ -1,6 +1,6 @@
 """The source of a plant's kernel: a user's scalar functions, wrapped over lanes.
 
-Only numbers go into the text; the user's functions are names that whoever loads it binds (`plant_kernel`). Lanes lie
+Only numbers go into the text; the user's functions are names that `kernel` binds. Lanes lie
 as `lanes` tells: eight rows of state, the observation, and behind it what more of state there is.
 """
 
@@ -18,7 +18,7 @@ from ge_torchrl.environments.lanes import (
     REWARD,
     TERMINATED,
 )
-from ge_torchrl.environments.plant import Plant
+from ge_torchrl.environments.plants.plant import Plant
 
 _STATE_ROWS = OBSERVATION // LANES
 _SIXTH, _HALF = "DT / 6.0", "DT / 2.0"
@@ -48,9 +48,9 @@ def observation_rows(plant: Plant) -> list[int]:
 
 
 def kernel_source(plant: Plant) -> str:
-    """Return the module; see `plant_kernel.PlantKernel` for its functions."""
+    """Return the module; see `kernel.PlantKernel` for its functions."""
     parts = [
-        f'"""The kernel of {plant.dynamics.rpartition(":")[2]}, made by ge_torchrl.environments.plant_source."""',
+        f'"""The kernel of {plant.dynamics.rpartition(":")[2]}, made by ge_torchrl.environments.plants.source."""',
         "import numba\nimport numpy as np",
         *_integrated(plant),
         _observing(plant),

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from ge_torchrl.environments.plant_kernel import first_states, plant_kernel
+from ge_torchrl.environments.plants.kernel import first_states, plant_kernel
 
 _Observation = NDArray[np.float32]
 _State = NDArray[np.float64]
@@ -110,7 +110,7 @@ def register_plant(dynamics: str) -> str:
     gym.registry.pop(environment_id, None)
     gym.register(
         environment_id,
-        "ge_torchrl.environments.plant_environment:PlantEnvironment",
+        "ge_torchrl.environments.plants.environment:PlantEnvironment",
         reward_threshold=plant.solved_at,
         max_episode_steps=plant.max_episode_steps,
         kwargs={"dynamics": dynamics},

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ge_torchrl.environments.plant_values import PlantActions, actions_of, features_of, start_of
+from ge_torchrl.environments.plants.values import PlantActions, actions_of, features_of, start_of
 from ge_torchrl.errors import EnvironmentFaultError
 
 Function = Callable[..., Any]

@@ -18,10 +18,10 @@ from ge_torchrl.environments.kernel_backend import KernelBackend
 from ge_torchrl.environments.kernels import dynamics_of
 from ge_torchrl.environments.lanes import ACTION, LANE_ROWS, LANES, OBSERVATION, REWARD, TERMINATED
 from ge_torchrl.environments.mirroring import check_mirror
-from ge_torchrl.environments.plant import read_plant
-from ge_torchrl.environments.plant_environment import register_plant
-from ge_torchrl.environments.plant_kernel import plant_kernel
-from ge_torchrl.environments.plant_source import state_rows
+from ge_torchrl.environments.plants.environment import register_plant
+from ge_torchrl.environments.plants.kernel import plant_kernel
+from ge_torchrl.environments.plants.plant import read_plant
+from ge_torchrl.environments.plants.source import state_rows
 from ge_torchrl.environments.spec import describe, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.refiners.mirror import Mirror

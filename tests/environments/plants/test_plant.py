@@ -6,7 +6,7 @@ import pytest
 from plants_for_tests import write_plants
 
 from ge_torchrl.environments.choose import open_backend
-from ge_torchrl.environments.plant import names_plant, read_plant
+from ge_torchrl.environments.plants.plant import names_plant, read_plant
 from ge_torchrl.environments.spec import describe, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
 
