@@ -27,7 +27,8 @@ class EnvironmentConfig(Section):
         text="a file and a class in it, such as plant.py:Cart",
     )
     kwargs: Mapping[str, Any] = mapping(
-        doc="What else the environment is made with, such as `env.kwargs.gravity=-5`."
+        doc="What else the environment is made with, such as `env.kwargs.gravity=-5`; of dynamics of your own, "
+        "numbers of their file, such as `env.kwargs.LENGTH=0.4`."
     )
     wrappers: tuple[str, ...] = setting(
         (),

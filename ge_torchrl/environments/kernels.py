@@ -10,9 +10,11 @@ from ge_torchrl.environments.spec import EnvironmentSpec
 
 def dynamics_of(spec: EnvironmentSpec) -> Dynamics | None:
     """Return the compiled dynamics of an environment just as it is; any limit of its episodes will do."""
-    if spec.names.kwargs or spec.names.wrappers:
+    if spec.names.wrappers:
         return None
-    return plant_kernel(spec.id).dynamics if names_plant(spec.id) else DYNAMICS.get(spec.id)
+    if names_plant(spec.id):
+        return plant_kernel(spec.id, spec.names.kwargs).dynamics
+    return None if spec.names.kwargs else DYNAMICS.get(spec.id)
 
 
 def has_kernel(spec: EnvironmentSpec) -> bool:

@@ -133,7 +133,7 @@ def describe(
         actions: [A] names of the actions, or of the entries of a continuous one; none means `a0, a1, ...`.
         solved_at: Mean return from which the task is solved; None takes the environment's registered threshold.
         max_episode_steps: Episode limit; None takes the environment's own.
-        kwargs: What else `gym.make` is given.
+        kwargs: What else `gym.make` is given; of a plant, what takes the place of numbers in its file.
         wrappers: Wrappers to put around it, innermost first, each written `module:Class`, or
             `module:Class {key: value}` with arguments.
 
@@ -153,7 +153,7 @@ def describe(
     n_features = observed.shape[0]
     n_actions = int(action_space.n) if isinstance(action_space, spaces.Discrete) else len(bounds)
     if names_plant(environment_id):
-        own = read_plant(environment_id)
+        own = read_plant(environment_id, given)
         # Wrappers may have changed what is observed, or what can be done.
         if n_features == len(own.features):
             features, units = features or own.features, units or own.units
@@ -204,7 +204,7 @@ def describe_settings(env: EnvironmentConfig) -> EnvironmentSpec:
 
 def symmetry_of(env: EnvironmentConfig) -> Mapping[str, Any]:
     """Return the mirror that the settings declare, else the one that a plant declares, if there is one."""
-    return env.symmetry or (read_plant(env.id).symmetry if names_plant(env.id) else {})
+    return env.symmetry or (read_plant(env.id, env.kwargs).symmetry if names_plant(env.id) else {})
 
 
 def _make(
@@ -216,11 +216,7 @@ def _make(
 ) -> GymEnvironment:
     given = dict(kwargs) if render_mode is None else {**kwargs, "render_mode": render_mode}
     if names_plant(environment_id):
-        if given:
-            raise EnvironmentFaultError(
-                f"env.dynamics={environment_id} takes no arguments, since its numbers stand in its file; got {given}"
-            )
-        environment_id = register_plant(environment_id)
+        environment_id, given = register_plant(environment_id, given), {}
     try:
         _register_plugin(environment_id)
         # Our own border checks what comes back, and names the seed, step and action with it.

@@ -63,6 +63,37 @@ def test_a_run_needs_nothing_but_the_file(folder, capsys, monkeypatch):
     assert main(["report", str(folder)]) == 0
 
 
+def test_a_heavier_pole_is_another_plant_and_travels_with_the_tree(folder, capsys):
+    heavy = ["env.kwargs.POLE=0.8", "env.kwargs.FRICTION=0"]
+    assert main(["env.dynamics=plant.py:Cart", *heavy, "refiner=none", *SMALL]) == 0
+    run = RunFolder(folder / "run")
+    assert run.read_summary().route == "kernel"
+    assert (
+        dict(run.read_config().env.kwargs)
+        == run.read_best_tree().names.kwargs
+        == {"POLE": 0.8, "FRICTION": 0}
+    )
+    tree = folder / "elsewhere.json"
+    shutil.copy(folder / "run" / "best_tree.json", tree)
+
+    def measured(route):
+        capsys.readouterr()
+        assert main(["evaluate", str(tree), "--episodes", "5", "--route", route, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)["mean"]
+
+    mean = measured("kernel")
+    assert measured("gymnasium") == pytest.approx(mean, rel=1e-12)
+    text = (
+        (folder / "plant.py")
+        .read_text()
+        .replace("POLE = 1.0, 0.2", "POLE = 1.0, 0.8")
+        .replace("= 0.1  #", "= 0.0  #")
+    )
+    (folder / "plant.py").write_text(text)
+    tree.write_text(tree.read_text().replace('{"FRICTION": 0, "POLE": 0.8}', "{}"))
+    assert measured("kernel") == mean
+
+
 def test_ppo_trains_on_it(folder):
     ppo = [
         "refiner.schedule.every=1",

@@ -6,6 +6,7 @@ gymnasium.make(register_plant("plant.py:Cart"))
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -24,13 +25,14 @@ class PlantEnvironment(gym.Env[_Observation, Any]):
 
     Args:
         dynamics: Of the plant, `file.py:Class`.
+        numbers: By name, what takes the place of numbers in its file.
 
     Raises:
         EnvironmentFaultError: The plant is not there, or something in it is missing or wrong.
     """
 
-    def __init__(self, dynamics: str) -> None:
-        self._kernel = plant_kernel(dynamics)
+    def __init__(self, dynamics: str, **numbers: Any) -> None:
+        self._kernel = plant_kernel(dynamics, numbers)
         self._plant = self._kernel.plant
         actions, n_features = self._plant.actions, len(self._plant.features)
         self.observation_space = spaces.Box(-np.inf, np.inf, (n_features,), np.float32)
@@ -96,13 +98,17 @@ class PlantEnvironment(gym.Env[_Observation, Any]):
         return entries[0] if len(entries) == 1 else tuple(entries)
 
 
-def register_plant(dynamics: str) -> str:
+def register_plant(dynamics: str, numbers: Mapping[str, Any] | None = None) -> str:
     """Tell Gymnasium of a plant, in this process; return the id by which `gymnasium.make` makes it.
+
+    Args:
+        dynamics: Of the plant, `file.py:Class`.
+        numbers: By name, what takes the place of numbers in its file.
 
     Raises:
         EnvironmentFaultError: The plant is not there, or something in it is missing or wrong.
     """
-    plant = plant_kernel(dynamics).plant
+    plant = plant_kernel(dynamics, numbers).plant
     file, _, name = dynamics.rpartition(":")
     place = re.sub(r"\W+", "_", file.removesuffix(".py")).strip("_")
     environment_id = f"{place}/{name}-v0"
@@ -113,6 +119,6 @@ def register_plant(dynamics: str) -> str:
         "ge_torchrl.environments.plants.environment:PlantEnvironment",
         reward_threshold=plant.solved_at,
         max_episode_steps=plant.max_episode_steps,
-        kwargs={"dynamics": dynamics},
+        kwargs={"dynamics": dynamics, **(numbers or {})},
     )
     return environment_id

@@ -11,6 +11,7 @@ import importlib.util
 import os
 import re
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -57,13 +58,13 @@ class PlantKernel:
 _kernels: dict[Plant, PlantKernel] = {}
 
 
-def plant_kernel(dynamics: str) -> PlantKernel:
-    """Return the compiled functions of the plant that `file.py:Class` names.
+def plant_kernel(dynamics: str, numbers: Mapping[str, Any] | None = None) -> PlantKernel:
+    """Return the compiled functions of a plant; its arguments are those of `read_plant`.
 
     Raises:
         EnvironmentFaultError: The plant is not there, or one of its functions is not what it has to be.
     """
-    plant = read_plant(dynamics)
+    plant = read_plant(dynamics, numbers)
     if plant not in _kernels:
         _kernels[plant] = _compiled(plant)
     return _kernels[plant]

@@ -6,18 +6,21 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
-import importlib.machinery
-import importlib.util
+import json
 import re
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ge_torchrl.environments.plants.values import PlantActions, actions_of, features_of, start_of
+from ge_torchrl.environments.plants.file import code_digest, found, numbers_of, run_file
+from ge_torchrl.environments.plants.values import (
+    PlantActions,
+    actions_of,
+    features_of,
+    is_number,
+    start_of,
+)
 from ge_torchrl.errors import EnvironmentFaultError
 
 Function = Callable[..., Any]
@@ -46,6 +49,7 @@ class Plant:
         functions: Its functions by name, as Python has them.
         dt: Time between two states of a derivative [s]; 0 where there is a step.
         integrator: "rk4" or "euler".
+        numbers: Those that stand in its file under a name of their own: `env.kwargs` changes them.
         digest: Of everything that its compiled code depends on.
     """
 
@@ -60,6 +64,7 @@ class Plant:
     functions: Mapping[str, Function] = field(repr=False)
     dt: float
     integrator: str
+    numbers: Mapping[str, float]
     digest: str
 
 
@@ -71,72 +76,56 @@ def names_plant(environment_id: str) -> bool:
 _plants: dict[tuple[str, bytes], Plant] = {}
 
 
-def read_plant(dynamics: str) -> Plant:
+def read_plant(dynamics: str, numbers: Mapping[str, Any] | None = None) -> Plant:
     """Return the plant that `file.py:Class` names; the file is found as modules are, in the current folder first.
 
+    Args:
+        dynamics: A file and a class in it.
+        numbers: By name, what takes the place of numbers in the file.
+
     Raises:
-        EnvironmentFaultError: There is no such file or class, or something in it is missing or wrong.
+        EnvironmentFaultError: There is no such file, class or number, or something in it is missing or wrong.
     """
     matched = _REFERENCE.fullmatch(dynamics)
     if matched is None:
         raise EnvironmentFaultError(
             f"env.dynamics must be a file and a class in it, as in env.dynamics=plant.py:Cart; got {dynamics!r}"
         )
-    path = _found(matched["file"], dynamics)
+    path = found(matched["file"], dynamics)
     try:
         source = path.read_bytes()
     except OSError as error:
         raise EnvironmentFaultError(
             f"env.dynamics={dynamics}: cannot read {path}: {error.strerror}"
         ) from error
-    key = (f"{path.resolve()}:{matched['name']} {dynamics}", source)
+    chosen = _checked_numbers(numbers, read_plant(dynamics)) if numbers else {}
+    key = (f"{path.resolve()}:{matched['name']} {dynamics} {json.dumps(chosen, sort_keys=True)}", source)
     if key not in _plants:
-        module = _imported(path, source, dynamics)
+        module = run_file(path, source, chosen, dynamics)
         _plants[key] = _plant_of(_class_of(module, matched["name"], dynamics), module, source, dynamics)
     return _plants[key]
 
 
-def _found(file: str, dynamics: str) -> Path:
-    given = Path(file)
-    # Joining an absolute path gives that path.
-    folders = list(dict.fromkeys([Path.cwd(), *(Path(entry) for entry in sys.path if entry)]))
-    for folder in folders:
-        if (folder / given).is_file():
-            return folder / given
-    where = "it is not there" if given.is_absolute() else f"it is neither in {Path.cwd()} nor on PYTHONPATH"
-    raise EnvironmentFaultError(
-        f"env.dynamics={dynamics} must name a file, seen from the current folder or a folder of PYTHONPATH; {where}"
-    )
-
-
-class _Loader(importlib.machinery.SourceFileLoader):
-    """Compiles a file anew: Python takes a file for unchanged that was written twice within a second."""
-
-    def get_code(self, fullname: str) -> Any:
-        path = self.get_filename(fullname)
-        return self.source_to_code(self.get_data(path), path)
-
-
-def _imported(path: Path, source: bytes, dynamics: str) -> ModuleType:
-    # Compiled code in the cache asks for its module by this name, wherever the file lies by then.
-    name = f"plant_{hashlib.sha256(source).hexdigest()[:16]}"
-    spec = importlib.util.spec_from_file_location(name, path, loader=_Loader(name, str(path)))
-    if spec is None or spec.loader is None:
-        raise EnvironmentFaultError(f"env.dynamics={dynamics} must name a Python file; got {path}")
-    module = importlib.util.module_from_spec(spec)
-    # Where numba looks for it.
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except SyntaxError as error:
-        raise EnvironmentFaultError(
-            f"env.dynamics={dynamics} must be Python; {path.name}, line {error.lineno}: {error.msg}"
-        ) from error
-    except (Exception, SystemExit) as error:
-        raise EnvironmentFaultError(
-            f"env.dynamics={dynamics} raised {' '.join(repr(error).split())} when {path.name} was read"
-        ) from error
-    return module
+def _checked_numbers(numbers: Mapping[str, Any], plant: Plant) -> dict[str, float]:
+    """Return numbers of the kinds that the file has; refuse what it has not."""
+    for name, value in numbers.items():
+        if name not in plant.numbers:
+            alike = [known for known in plant.numbers if known.lower() == name.lower()]
+            meant = f"; env.kwargs.{alike[0]} is one" if alike else ""
+            raise EnvironmentFaultError(
+                f"env.kwargs of env.dynamics={plant.dynamics} change numbers that stand in its file, outside the class "
+                f"and under a name of their own, which are {', '.join(plant.numbers) or 'none'}; got {name}{meant}"
+            )
+        if not is_number(value):
+            raise EnvironmentFaultError(
+                f"env.kwargs.{name} must be a number, as {name} = {plant.numbers[name]:g} is one in "
+                f"{plant.dynamics}; got {value!r}"
+            )
+    # A whole number that is typed for 2.5 stays what 2.5 is: other code is compiled for integers.
+    return {
+        name: float(value) if isinstance(plant.numbers[name], float) else value
+        for name, value in numbers.items()
+    }
 
 
 def _class_of(module: ModuleType, name: str, dynamics: str) -> type:
@@ -183,7 +172,8 @@ def _plant_of(described: type, module: ModuleType, source: bytes, dynamics: str)
         functions=functions,
         dt=float(values["dt"] or 0.0),
         integrator=integrator,
-        digest=_digest(described, module, source),
+        numbers=numbers_of(module, source),
+        digest=code_digest(described, module, source),
     )
 
 
@@ -242,20 +232,3 @@ def _check_numbers(values: Mapping[str, Any], dynamics: str, *, is_integrated: b
         raise EnvironmentFaultError(
             f'{dynamics}.symmetry must be as in env.symmetry, such as {{"negate": ["x"]}}; got {values["symmetry"]!r}'
         )
-
-
-def _digest(described: type, module: ModuleType, source: bytes) -> str:
-    """Return what changes whenever the compiled code has to: of the file, and of what it takes from others."""
-    digest = hashlib.sha256(source + described.__qualname__.encode())
-    files = set()
-    for name, value in sorted(vars(module).items()):
-        if not name.startswith("__") and isinstance(value, int | float | str | tuple):
-            digest.update(f"{name}={value!r}".encode())
-        owner = value if isinstance(value, ModuleType) else sys.modules.get(getattr(value, "__module__", ""))
-        if file := getattr(owner, "__file__", None):
-            files.add(file)
-    for file in sorted(files):
-        path = Path(file)
-        if path.suffix == ".py" and path.is_file() and not path.is_relative_to(sys.base_prefix):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]

@@ -63,7 +63,7 @@ def actions_of(described: Any, dynamics: str) -> PlantActions:
         if is_list:
             return PlantActions(names)
         values = tuple(given.values())
-        if all(map(_is_number, values)):
+        if all(map(is_number, values)):
             return PlantActions(names, values=tuple(map(float, values)))
         bounds = [_interval(value) for value in values]
         if all(bound is not None and bound[0] < bound[1] for bound in bounds):
@@ -85,7 +85,7 @@ def start_of(described: Any, dynamics: str) -> tuple[tuple[float, float], ...]:
     """
     given: Any = described.start
     entries = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else []
-    bounds = [(float(entry), float(entry)) if _is_number(entry) else _interval(entry) for entry in entries]
+    bounds = [(float(entry), float(entry)) if is_number(entry) else _interval(entry) for entry in entries]
     known = tuple(bound for bound in bounds if bound is not None and bound[0] <= bound[1])
     if not known or len(known) != len(bounds):
         raise EnvironmentFaultError(
@@ -102,11 +102,12 @@ def _check_distinct(names: Sequence[str], dynamics: str, what: str) -> None:
         )
 
 
-def _is_number(value: object) -> bool:
+def is_number(value: object) -> bool:
+    """Tell whether a value is a finite number, and not True or False."""
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _interval(value: object) -> tuple[float, float] | None:
-    if isinstance(value, Sequence) and len(value) == 2 and all(map(_is_number, value)):
+    if isinstance(value, Sequence) and len(value) == 2 and all(map(is_number, value)):
         return float(value[0]), float(value[1])
     return None

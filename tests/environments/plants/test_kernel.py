@@ -144,7 +144,7 @@ def test_another_limit_and_wrappers_are_kept(plants):
         forest = Forest.stack([DecisionTree.value_leaf([0.0], {})])
         assert backend.evaluate(forest, np.arange(3), "test").lengths.tolist() == [[7, 7, 7]]
     with pytest.raises(
-        EnvironmentFaultError, match=r"Box takes no arguments, since its numbers stand in its file"
+        EnvironmentFaultError, match=r"under a name of their own, which are none; got gravity"
     ):
         describe(f"{plants}:Box", kwargs={"gravity": 5})
 
