@@ -152,8 +152,10 @@ def describe(
         environment.close()
     n_features = observed.shape[0]
     n_actions = int(action_space.n) if isinstance(action_space, spaces.Discrete) else len(bounds)
+    source = ""
     if names_plant(environment_id):
         own = read_plant(environment_id, given)
+        source = own.source
         # Wrappers may have changed what is observed, or what can be done.
         if n_features == len(own.features):
             features, units = features or own.features, units or own.units
@@ -176,6 +178,7 @@ def describe(
             wrappers=tuple(wrappers),
             max_episode_steps=max_episode_steps,
             action_bounds=bounds,
+            source=source,
         ),
         low=low,
         high=high,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -12,18 +11,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.artefacts.folder import ARCHIVE_TREES, BEST_TREE, CONFIG, RunFolder, find_runs, none_found
+from ge_torchrl.artefacts.folder import BEST_TREE, CONFIG, RunFolder, find_runs, none_found
 from ge_torchrl.artefacts.records import Summary
 from ge_torchrl.environments.choose import open_backend
-from ge_torchrl.environments.spec import EnvironmentSpec, describe, describe_settings
+from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluationSummary, SweepEvaluation
 from ge_torchrl.report.methods import METHODS, method_of
+from ge_torchrl.report.reading import environment_of_run, made, read_tree, tell_of_another_plant
 from ge_torchrl.report.sizes import SizedTree
 from ge_torchrl.report.tables import RunRow
 from ge_torchrl.seeding import episode_seeds, stream
-from ge_torchrl.trees.controller import Controller, Names
-from ge_torchrl.trees.files import read_controller
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -48,7 +46,7 @@ def evaluate(
     Raises:
         UserError: There is no such tree, it does not fit the environment, or the environment failed.
     """
-    tree, spec = _read(path, nodes)
+    tree, spec = read_tree(path, nodes)
     with closing(open_backend(spec, route)) as backend:
         outcomes = backend.evaluate(Forest.stack([tree]), np.arange(seed, seed + episodes), _TEST)
     returns = outcomes.returns[0]
@@ -144,8 +142,7 @@ class _Candidates:
     def task(self) -> tuple[tuple[str, str, tuple[str, ...], int], int, float]:
         """What has to be equal for trees to be tested together, in an order."""
         solved_at = self.spec.solved_at
-        made = _made(self.spec.names)
-        return made, self.spec.max_episode_steps, np.inf if solved_at is None else solved_at
+        return made(self.spec.names), self.spec.max_episode_steps, np.inf if solved_at is None else solved_at
 
     @property
     def trees(self) -> Iterator[DecisionTree]:
@@ -160,11 +157,13 @@ class _Candidates:
 
 def _candidates(folder: RunFolder) -> _Candidates:
     """Read the trees of one run."""
-    champion = folder.read_best_tree().tree
+    controller, spec = folder.read_best_tree(), environment_of_run(folder)
+    tell_of_another_plant(folder.path, controller.names, spec)
+    champion = controller.tree
     return _Candidates(
         path=folder.path,
         method=method_of(folder.read_config()),
-        spec=_environment(folder),
+        spec=spec,
         summary=folder.read_summary(),
         champion=champion,
         chosen=champion,
@@ -246,45 +245,6 @@ def _evaluated(
         ),
         refined=summary.refined,
     )
-
-
-def _read(path: Path, nodes: int | None) -> tuple[DecisionTree, EnvironmentSpec]:
-    if path.is_dir():
-        folder = RunFolder(path)
-        controller = folder.read_best_tree() if nodes is None else folder.read_archive_tree(nodes)
-        return controller.tree, _environment(folder)
-    if nodes is not None:
-        raise ArtefactError(f"--nodes chooses a tree of a run, so expected a run's folder; got {path}")
-    controller = read_controller(path)
-    run = path.parent.parent if path.parent.name == ARCHIVE_TREES else path.parent
-    of_run = _environment(RunFolder(run)) if (run / CONFIG).exists() else None
-    return controller.tree, _environment_of(controller, of_run)
-
-
-def _environment(folder: RunFolder) -> EnvironmentSpec:
-    return describe_settings(folder.read_config().env)
-
-
-def _environment_of(controller: Controller, of_run: EnvironmentSpec | None) -> EnvironmentSpec:
-    """Describe the environment that a tree's own file names, wherever it lies; its run may know a threshold."""
-    names = controller.names
-    if of_run is not None and _made(of_run.names) == _made(names):
-        return of_run
-    return describe(
-        names.id,
-        names.features,
-        names.units,
-        names.actions,
-        max_episode_steps=names.max_episode_steps,
-        kwargs=names.kwargs,
-        wrappers=names.wrappers,
-    )
-
-
-def _made(names: Names) -> tuple[str, str, tuple[str, ...], int]:
-    """Return how an environment is made, in an order."""
-    kwargs = json.dumps(names.kwargs, sort_keys=True)
-    return names.id, kwargs, names.wrappers, names.max_episode_steps or 0
 
 
 def _is_solved(spec: EnvironmentSpec, mean: float) -> bool | None:

@@ -28,6 +28,7 @@ class Names:
         max_episode_steps: Episode limit; None for the environment's own.
         action_bounds: (low, high) of each entry of a continuous action, infinite where there is none; empty where
             actions are numbers of choices. They are rounded to float32, as answers are.
+        source: Digest of the file in which a user's own dynamics stand; empty where the environment is installed.
 
     Raises:
         InvalidTreeError: Features and units differ in number, there is no feature or action, the limit is below 1, the
@@ -42,6 +43,7 @@ class Names:
     wrappers: tuple[str, ...] = ()
     max_episode_steps: int | None = None
     action_bounds: tuple[tuple[float, float], ...] = ()
+    source: str = ""
 
     def __post_init__(self) -> None:
         if len(self.features) != len(self.units):

@@ -36,6 +36,8 @@ def to_json(controller: Controller) -> str:
     environment = {key: _sorted_line(getattr(names, key)) for key in _ENVIRONMENT_KEYS}
     if names.action_bounds:
         environment["action_bounds"] = _line([[_bound(end) for end in ends] for ends in names.action_bounds])
+    if names.source:
+        environment["source"] = _line(names.source)
     provenance = {key: _sorted_line(value) for key, value in sorted(controller.provenance.items())}
     entries = {
         "format": _line(FORMAT),

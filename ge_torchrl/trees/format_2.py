@@ -47,8 +47,8 @@ def controller_of_format_2(content: dict[str, Any]) -> Controller:
 
 
 def _names(value: object) -> Names:
-    # Where actions are choices there are no bounds, and files from before there were any have none either.
-    environment = keyed(value, _ENVIRONMENT, "environment", optional=("action_bounds",))
+    # Where actions are choices there are no bounds, and installed environments have no source; nor have older files.
+    environment = keyed(value, _ENVIRONMENT, "environment", optional=("action_bounds", "source"))
     limit = environment["max_episode_steps"]
     return Names(
         id=string(environment["id"], "environment.id"),
@@ -59,6 +59,7 @@ def _names(value: object) -> Names:
         actions=strings(environment["actions"], "environment.actions"),
         wrappers=strings(environment["wrappers"], "environment.wrappers"),
         action_bounds=_action_bounds(environment.get("action_bounds", [])),
+        source=string(environment.get("source", ""), "environment.source"),
     )
 
 

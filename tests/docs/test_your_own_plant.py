@@ -131,6 +131,26 @@ def test_the_file_that_is_gone_is_told_when_a_tree_is_measured(folder, capsys):
     assert f"it is neither in {folder} nor on PYTHONPATH" in told
 
 
+def test_a_file_that_has_changed_since_is_told_when_a_tree_is_measured(folder, caplog):
+    assert main(["env.dynamics=motor.py:Motor", "refiner=none", "polish=none", "starts.races=0", *SMALL]) == 0
+    measures = [["run"], ["run/best_tree.json"], ["."]]
+
+    def told_of(which):
+        caplog.clear()
+        assert main(["evaluate", *which, "--episodes", "2"]) == 0
+        return [record.getMessage() for record in caplog.records]
+
+    assert [told_of(which) for which in measures] == [[], [], []]
+    text = (folder / "motor.py").read_text()
+    (folder / "motor.py").write_bytes(text.replace("\n", "\r\n").encode())
+    assert told_of(["run"]) == []
+    (folder / "motor.py").write_text(text.replace("INERTIA, FRICTION = 0.001", "INERTIA, FRICTION = 0.002"))
+    for which in measures:
+        (line,) = told_of(which)
+        assert line.startswith("The file of motor.py:Motor has changed since run")
+        assert "\n" not in line
+
+
 def test_the_file_of_init_holds_it(folder, capsys):
     assert main(["init", "plant.py:Cart"]) == 0
     assert "dynamics: plant.py:Cart" in (folder / "my_conf" / "env" / "cart.yaml").read_text()

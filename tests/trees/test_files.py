@@ -46,6 +46,13 @@ def test_a_file_from_before_there_were_bounds_is_read_without_any():
     assert json.loads(to_json(controller)) == content
 
 
+def test_the_source_of_a_users_own_dynamics_comes_back():
+    controller = replace(CONTROLLER, names=replace(NAMES, source="0123abcd"))
+    text = to_json(controller)
+    assert '"source": "0123abcd"' in text
+    assert from_json(text) == controller
+
+
 def test_no_provenance_is_an_empty_object():
     text = to_json(Controller(leaf(0), NAMES))
     assert text.endswith('"provenance": {}\n}\n')

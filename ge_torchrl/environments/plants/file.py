@@ -112,18 +112,34 @@ def run_file(path: Path, source: bytes, numbers: Mapping[str, float], dynamics: 
     return module
 
 
+def source_digest(module: ModuleType, source: bytes) -> str:
+    """Return what changes with the text of a plant, its own file and others of the user's, on any machine."""
+    own = Path(module.__file__ or "")
+    others = [path for path in _taken_from(module) if "site-packages" not in path.parts and path != own]
+    texts = [source, *sorted(path.read_bytes() for path in others)]
+    return hashlib.sha256(b"".join(text.replace(b"\r\n", b"\n") for text in texts)).hexdigest()[:16]
+
+
 def code_digest(described: type, module: ModuleType, source: bytes) -> str:
     """Return what changes whenever the compiled code has to: of the file, and of what it takes from others."""
     digest = hashlib.sha256(source + f"{described.__qualname__} {module.__name__}".encode())
-    files = set()
     for name, value in sorted(vars(module).items()):
         if not name.startswith("__") and isinstance(value, int | float | str | tuple):
             digest.update(f"{name}={value!r}".encode())
+    for path in _taken_from(module):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _taken_from(module: ModuleType) -> list[Path]:
+    """Return the Python files, those of Python itself aside, in which the names of a module are at home."""
+    files = set()
+    for value in vars(module).values():
         owner = value if isinstance(value, ModuleType) else sys.modules.get(getattr(value, "__module__", ""))
         if file := getattr(owner, "__file__", None):
-            files.add(file)
-    for file in sorted(files):
-        path = Path(file)
-        if path.suffix == ".py" and path.is_file() and not path.is_relative_to(sys.base_prefix):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+            files.add(Path(file))
+    return sorted(
+        path
+        for path in files
+        if path.suffix == ".py" and path.is_file() and not path.is_relative_to(sys.base_prefix)
+    )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
 
-from ge_torchrl.environments.plants.file import code_digest, found, numbers_of, run_file
+from ge_torchrl.environments.plants.file import code_digest, found, numbers_of, run_file, source_digest
 from ge_torchrl.environments.plants.values import (
     PlantActions,
     actions_of,
@@ -50,6 +50,7 @@ class Plant:
         dt: Time between two states of a derivative [s]; 0 where there is a step.
         integrator: "rk4" or "euler".
         numbers: Those that stand in its file under a name of their own: `env.kwargs` changes them.
+        source: Digest of its file, and of what that imports from other files of the user's.
         digest: Of everything that its compiled code depends on.
     """
 
@@ -65,6 +66,7 @@ class Plant:
     dt: float
     integrator: str
     numbers: Mapping[str, float]
+    source: str
     digest: str
 
 
@@ -173,6 +175,7 @@ def _plant_of(described: type, module: ModuleType, source: bytes, dynamics: str)
         dt=float(values["dt"] or 0.0),
         integrator=integrator,
         numbers=numbers_of(module, source),
+        source=source_digest(module, source),
         digest=code_digest(described, module, source),
     )
 

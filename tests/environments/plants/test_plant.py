@@ -177,12 +177,25 @@ def test_a_constant_from_another_file_counts_as_a_change(folder, monkeypatch):
     mine += text_of(GOOD | {"step": "lambda s, a: ((s[0] + SPEED, s[1]), 1.0, False)"})
     (folder / "mine.py").write_text(mine)
     (folder / "numbers_of_mine.py").write_text("SPEED = 1.0\n")
-    digest = read_plant("mine.py:Mine").digest
+    plant = read_plant("mine.py:Mine")
     import numbers_of_mine
 
     monkeypatch.setattr(numbers_of_mine, "SPEED", 2.0)
+    (folder / "numbers_of_mine.py").write_text("SPEED = 2.0\n")
     (folder / "mine.py").write_text(mine + "\n")
-    assert read_plant("mine.py:Mine").digest != digest
+    assert read_plant("mine.py:Mine").digest != plant.digest
+    assert read_plant("mine.py:Mine").source != plant.source
+
+
+def test_the_digest_of_the_source_is_that_of_the_text_wherever_it_lies(folder):
+    (folder / "elsewhere").mkdir()
+    for place in ("mine.py", "elsewhere/yours.py"):
+        (folder / place).write_text(NUMBERS)
+    source = read_plant("mine.py:Mine").source
+    assert read_plant("elsewhere/yours.py:Mine").source == source
+    assert read_plant("mine.py:Mine", {"DRAG": 2.0}).source == source
+    (folder / "mine.py").write_text(NUMBERS + "\n")
+    assert read_plant("mine.py:Mine").source != source
 
 
 @pytest.mark.parametrize(
