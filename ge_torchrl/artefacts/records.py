@@ -15,6 +15,7 @@ CLOCK_FIELDS = frozenset(
         "steps_per_second",
         "variation_seconds",
         "wall_seconds",
+        "workers",
     }
 )
 """What the clock says differs from run to run; everything else follows from configuration and seed (law 6)."""
@@ -192,6 +193,8 @@ class Summary:
         solved_at: The threshold, or None.
         version: Of ge_torchrl.
         warnings: What the user was warned of, a line each.
+        workers: Processes that ran trees, as `env.workers` counts them: what was asked for or, by the clock, paid; None
+            where nobody wrote it down.
         env_steps_total: The sum of `steps`.
     """
 
@@ -226,6 +229,7 @@ class Summary:
     solved_at: float | None
     version: str
     warnings: tuple[str, ...] = ()
+    workers: int | None = None
     env_steps_total: int = field(init=False)
 
     def __post_init__(self) -> None:

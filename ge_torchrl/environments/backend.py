@@ -213,6 +213,7 @@ class Backend(Protocol):
         name: "kernel" or "gymnasium".
         spec: The environment.
         workers: Worker processes that were asked for; 0 leaves it to whoever steps the environment.
+        processes: Processes that ran trees so far, as `workers` counts them: 1 is the calling one alone.
         ledger: Where others count the steps that they make in the environment by themselves.
         limit: How far the run may go; None for no limit.
         on_steps: Called with the number of all steps so far, every second or more often while steps are made.
@@ -221,6 +222,7 @@ class Backend(Protocol):
     name: str
     spec: EnvironmentSpec
     workers: int
+    processes: int
     ledger: Ledger
     limit: Limit | None
     on_steps: Callable[[int], None]

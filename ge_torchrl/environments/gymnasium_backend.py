@@ -61,6 +61,7 @@ class GymnasiumBackend(Accountable):
 
     Attributes:
         workers: As given, for others who step the environment in processes of their own.
+        processes: Processes that ran trees so far; 1 is this one alone.
 
     Raises:
         EnvironmentFaultError: The environment breaks its word in its first few hundred steps, or cannot be sent to the
@@ -73,6 +74,7 @@ class GymnasiumBackend(Accountable):
         super().__init__(ledger)
         self.spec = spec
         self.workers = workers
+        self.processes = 1
         self._n_workers = workers or available_cores()
         self._pool: Workers | None = None
         if workers > 1:
@@ -243,6 +245,8 @@ class GymnasiumBackend(Accountable):
                     raise
                 _logger.warning("%s; running in this process alone.", error)
                 self._n_workers = 1
+                return None
+        self.processes = self._n_workers
         return self._pool
 
 

@@ -278,6 +278,7 @@ class _Run:
             solved_at=spec.solved_at,
             version=__version__,
             warnings=tuple(self.warnings),
+            workers=self.backend.processes,
         )
 
     def _tell(self, summary: Summary, verdict: Verdict, records: list[ArchiveRecord]) -> None:

@@ -118,7 +118,9 @@ def test_ppo_trains_on_it(folder):
 )
 def test_other_ways_to_run_it(folder, words):
     assert main([*words, *SMALL]) == 0
-    assert RunFolder(folder / "run").read_summary().decision_nodes >= 0
+    summary = RunFolder(folder / "run").read_summary()
+    assert summary.decision_nodes >= 0
+    assert summary.workers == (2 if "env.workers=2" in words else 1)
 
 
 def test_the_file_that_is_gone_is_told_when_a_tree_is_measured(folder, capsys):

@@ -51,6 +51,15 @@ def test_processes_change_nothing_and_a_fault_in_one_leaves_them_usable(open_gym
     ]
     np.testing.assert_array_equal(*seen)
     assert together.steps == alone.steps
+    assert (together.processes, alone.processes) == (2, 1)
+
+
+def test_whether_processes_paid_is_known_afterwards(open_gymnasium, monkeypatch):
+    monkeypatch.setattr(gymnasium_backend, "available_cores", lambda: 2)
+    backend = open_gymnasium(WalkEnv, workers=0)
+    assert (backend._workers_for(100, 1.0), backend.processes) == (None, 1)
+    assert backend._workers_for(100, 1e9) is not None
+    assert backend.processes == 2
 
 
 def test_a_module_prefix_works_in_worker_processes(open_gymnasium):
@@ -122,7 +131,9 @@ def test_an_environment_that_cannot_be_sent_is_told_or_played_here(open_gymnasiu
         open_gymnasium(described, workers=2)
     monkeypatch.setattr(gymnasium_backend, "_START_SECONDS", 0.0)
     monkeypatch.setattr(gymnasium_backend, "available_cores", lambda: 2)
-    assert open_gymnasium(described, workers=0).evaluate(forest, np.arange(4), "fitness").env_steps > 0
+    backend = open_gymnasium(described, workers=0)
+    assert backend.evaluate(forest, np.arange(4), "fitness").env_steps > 0
+    assert backend.processes == 1
     assert "running in this process alone" in caplog.text
 
 
