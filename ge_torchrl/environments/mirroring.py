@@ -12,9 +12,10 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -32,6 +33,8 @@ _TOLERANCE: Final = 1e-4
 _TREES: Final = 12
 _DEPTH: Final = 2
 _EPISODES: Final = 40
+# Of a state whose signs are all tried.
+_MOST_ENTRIES: Final = 8
 # Thresholds are chosen among what is seen in so many episodes and steps.
 _SIGHTS, _STEPS_OF_A_SIGHT = 8, 30
 # Longer episodes are cut: those of an image are as long, and what is cut is cut alike.
@@ -42,10 +45,14 @@ _SECONDS: Final = 5.0
 _REFUTED_AT: Final = 5.0
 
 
+# Of a state [N].
+_Image = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
 class Mirror(Protocol):
     """What observations and answers are in a mirror."""
 
-    def observations(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+    def observations(self, observations: NDArray[Any]) -> NDArray[Any]:
         """Return observations [..., D] in the mirror."""
         ...
 
@@ -91,7 +98,10 @@ def check_mirror(spec: EnvironmentSpec, symmetry: Mapping[str, Any], mirror: Mir
     """
     names = spec.names
     asked = json.dumps(
-        [names.id, names.kwargs, names.wrappers, names.max_episode_steps, dict(symmetry), names.features],
+        [
+            (names.id, names.kwargs, names.wrappers, names.max_episode_steps),
+            (dict(symmetry), names.features, names.source),
+        ],
         sort_keys=True,
     )
     if asked not in _verdicts:
@@ -119,34 +129,42 @@ def refuse_what_is_refuted(verdict: Verdict) -> None:
 def _by_steps(spec: EnvironmentSpec, mirror: Mirror, environment: Settable) -> Verdict | None:
     """Step mirrored states; None where it is not known which states mirror each other."""
     fault = ""
-    for signs in _signs_of_states(mirror, environment):
-        found = _fault_of(spec, mirror, environment, signs)
+    for image in _images_of_states(mirror, environment):
+        found = _fault_of(spec, mirror, environment, image)
         if not found:
             return Verdict(f"{len(environment.steps)} steps from mirrored states came out mirrored")
         fault = fault or found
     return Verdict("", fault) if fault else None
 
 
-def _signs_of_states(mirror: Mirror, environment: Settable) -> Iterator[NDArray[np.float64]]:
-    """Yield signs [N] of the entries of a state by which what is observed of it is mirrored.
+def _images_of_states(mirror: Mirror, environment: Settable) -> Iterator[_Image]:
+    """Yield what makes of a state [N] one of which the mirror image is observed.
 
     There are several where something of the state is not observed, and none where other states mirror each other.
     """
     steps = environment.steps
+    if all(_is_state_itself(environment.observed(step.state), step.state) for step in steps):
+        yield mirror.observations
+        return
+    n = len(steps[0].state)
+    if n > _MOST_ENTRIES:
+        return
     expected = mirror.observations(np.array([step.before for step in steps]))
-    for signs in itertools.product((1.0, -1.0), repeat=len(steps[0].state)):
+    for signs in itertools.product((1.0, -1.0), repeat=n):
         seen = (environment.observed(step.state * np.array(signs)) for step in steps)
         if all(_is_close_throughout(one, other) for one, other in zip(expected, seen, strict=True)):
-            yield np.array(signs)
+            yield partial(np.multiply, np.array(signs))
 
 
-def _fault_of(
-    spec: EnvironmentSpec, mirror: Mirror, environment: Settable, signs: NDArray[np.float64]
-) -> str:
+def _is_state_itself(observed: NDArray[np.float32], state: NDArray[np.float64]) -> bool:
+    return np.array_equal(observed, state.astype(np.float32))
+
+
+def _fault_of(spec: EnvironmentSpec, mirror: Mirror, environment: Settable, image_of: _Image) -> str:
     """Return what is not mirrored after a step from a mirrored state; an empty text where nothing is."""
     of = (*spec.names.features, "the reward", "the end of the episode")
     for step in environment.steps:
-        image = environment.step_from(step.state * signs, _answer(mirror, step.action))
+        image = environment.step_from(image_of(step.state), _answer(mirror, step.action))
         expected = (*mirror.observations(step.observation).tolist(), step.reward, float(step.terminated))
         came = (*image.observation.tolist(), image.reward, float(image.terminated))
         for name, one, other in zip(of, expected, came, strict=True):

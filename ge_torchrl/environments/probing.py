@@ -114,7 +114,9 @@ def obeys_seeds(spec: EnvironmentSpec) -> bool:
 
 def _as_made(spec: EnvironmentSpec) -> str:
     names = spec.names
-    return json.dumps([names.id, names.kwargs, names.wrappers, names.max_episode_steps], sort_keys=True)
+    return json.dumps(
+        [names.id, names.kwargs, names.wrappers, names.max_episode_steps, names.source], sort_keys=True
+    )
 
 
 def _episode(border: Border, spec: EnvironmentSpec, n_steps: int, seconds: float) -> list[Any]:

@@ -186,6 +186,43 @@ def test_a_mirror_is_tried_by_setting_states(plants, negated, is_true):
     symmetry = {"negate": negated, "actions": {"left": "right"}}
     verdict = check_mirror(spec, symmetry, Mirror.declared(symmetry, spec.names))
     assert (not verdict.fault) == is_true
+    assert ("steps from mirrored states" in verdict.found) == is_true
+    assert ("has to become" in verdict.fault) != is_true
+
+
+TRAIN = """
+class Train:
+    features = tuple(f"{what}{i}" for i in range(5) for what in "xv")
+    actions = {"first": (-1.0, 1.0), "last": (-1.0, 1.0)}
+    start = [(-1.0, 1.0)] * 10
+    max_episode_steps = 50
+
+    def step(state, action):
+        a, va, b, vb, c, vc, d, vd, e, ve = state
+        va, ve = va + 0.1 * (b - a + action[0]), ve + 0.1 * (d - e + FAR * action[1])
+        vb, vd, vc = vb + 0.1 * (a - 2 * b + c), vd + 0.1 * (e - 2 * d + c), vc + 0.1 * (b - 2 * c + d)
+        after = (a + 0.1 * va, va, b + 0.1 * vb, vb, c + 0.1 * vc, vc, d + 0.1 * vd, vd, e + 0.1 * ve, ve)
+        return after, a * a + e * e, False
+"""
+ENDS = {"swap": [["x0", "x4"], ["v0", "v4"], ["x1", "x3"], ["v1", "v3"]], "actions": {"first": "last"}}
+TURNED = {"negate": [f"{what}{i}" for i in range(5) for what in "xv"], "negate_actions": ["first", "last"]}
+
+
+@pytest.mark.parametrize(
+    ("far", "symmetry", "is_true"),
+    [
+        (1.0, ENDS, True),
+        (1.01, ENDS, False),
+        (1.01, TURNED, True),
+        (1.0, {**TURNED, "negate": TURNED["negate"][:9]}, False),
+    ],
+)
+def test_the_mirror_of_a_long_state_is_tried_by_setting_it(tmp_path, far, symmetry, is_true):
+    (tmp_path / "train.py").write_text(f"FAR = {far}\n{TRAIN}")
+    spec = describe(f"{tmp_path / 'train.py'}:Train")
+    verdict = check_mirror(spec, symmetry, Mirror.declared(symmetry, spec.names))
+    assert ("steps from mirrored states" in verdict.found) == is_true
+    assert ("has to become" in verdict.fault) != is_true
 
 
 def test_the_examples_of_the_documentation_agree(monkeypatch):
