@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import Backend
-from ge_torchrl.environments.dynamics import advance
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend
-from ge_torchrl.environments.kernels import dynamics_of, has_kernel
-from ge_torchrl.environments.lanes import (
+from ge_torchrl.environments.kernel_choice import dynamics_of, has_kernel
+from ge_torchrl.environments.kernels.dynamics import advance
+from ge_torchrl.environments.kernels.lanes import (
     ACTION,
     LANE_ROWS,
     LANES,

@@ -22,13 +22,13 @@ from ge_torchrl.environments.backend import (
     Trajectory,
     available_cores,
 )
-from ge_torchrl.environments.dynamics import DYNAMICS, Dynamics
 from ge_torchrl.environments.gymnasium_runner import LedgerWatch, Runner
+from ge_torchrl.environments.kernel_choice import dynamics_of
 from ge_torchrl.environments.kernel_sampler import CHUNK_STEPS, KernelSampler, action_bounds, ranges
-from ge_torchrl.environments.kernels import dynamics_of
-from ge_torchrl.environments.lanes import LANES, OBSERVATION
-from ge_torchrl.environments.recording import Recording, record_steps
-from ge_torchrl.environments.rollouts import run_forest
+from ge_torchrl.environments.kernels.dynamics import DYNAMICS, Dynamics
+from ge_torchrl.environments.kernels.lanes import LANES, OBSERVATION
+from ge_torchrl.environments.kernels.recording import Recording, record_steps
+from ge_torchrl.environments.kernels.rollouts import run_forest
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.environments.threads import Task, Threads, quick_switches
 from ge_torchrl.errors import EnvironmentFaultError

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import Ledger, Samples, SoftForest
-from ge_torchrl.environments.kernels import dynamics_of
-from ge_torchrl.environments.soft_rollouts import SoftStreams, check_soft_forest
+from ge_torchrl.environments.kernel_choice import dynamics_of
+from ge_torchrl.environments.kernels.soft_rollouts import SoftStreams, check_soft_forest
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.environments.threads import Task, Threads
 from ge_torchrl.errors import EnvironmentFaultError

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
-from ge_torchrl.environments.kernels import has_kernel
+from ge_torchrl.environments.kernel_choice import has_kernel
 from ge_torchrl.environments.mirroring import check_mirror, refuse_what_is_refuted
 from ge_torchrl.environments.probing import obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings, symmetry_of

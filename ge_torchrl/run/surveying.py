@@ -10,7 +10,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import agrees_with_gymnasium, check_plant
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend
-from ge_torchrl.environments.kernels import has_kernel
+from ge_torchrl.environments.kernel_choice import has_kernel
 from ge_torchrl.environments.mirroring import Verdict, check_mirror
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.probing import Probe, obeys_seeds, probe

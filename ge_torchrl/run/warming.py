@@ -11,7 +11,7 @@ from ge_torchrl.compilation import is_compiled_before, note_compiled
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import SoftForest
 from ge_torchrl.environments.kernel_backend import KernelBackend
-from ge_torchrl.environments.kernels import has_kernel
+from ge_torchrl.environments.kernel_choice import has_kernel
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.ge.operators import random_population

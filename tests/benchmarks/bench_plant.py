@@ -13,7 +13,7 @@ from contextlib import closing
 import numpy as np
 
 from ge_torchrl.environments.kernel_backend import KernelBackend, _probe
-from ge_torchrl.environments.kernels import dynamics_of
+from ge_torchrl.environments.kernel_choice import dynamics_of
 from ge_torchrl.environments.spec import EnvironmentSpec, describe, make_gymnasium
 
 EPISODES, LOOP_STEPS, REPEATS = 200, 20_000, 5

@@ -3,9 +3,9 @@ import pytest
 from environments_for_tests import CountdownEnv
 
 from ge_torchrl.environments.choose import agrees_with_gymnasium, open_backend
-from ge_torchrl.environments.dynamics import DYNAMICS
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend
+from ge_torchrl.environments.kernels.dynamics import DYNAMICS
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.errors import EnvironmentFaultError
 

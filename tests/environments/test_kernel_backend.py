@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from strategies import observations, trees, value_trees, weighted_trees
 from trees_of_all_kinds import DISCRETE, PUBLISHED, all_kinds
 
-from ge_torchrl.environments import decisions
-from ge_torchrl.environments.dynamics import DYNAMICS
 from ge_torchrl.environments.kernel_backend import KernelBackend
-from ge_torchrl.environments.lanes import ACTION, LANE_ROWS, LANES, OBSERVATION
-from ge_torchrl.environments.recording import record_steps
-from ge_torchrl.environments.rollouts import SELECT_MIN_EPISODES, run_forest
+from ge_torchrl.environments.kernels import decisions
+from ge_torchrl.environments.kernels.dynamics import DYNAMICS
+from ge_torchrl.environments.kernels.lanes import ACTION, LANE_ROWS, LANES, OBSERVATION
+from ge_torchrl.environments.kernels.recording import record_steps
+from ge_torchrl.environments.kernels.rollouts import SELECT_MIN_EPISODES, run_forest
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.trees.forest import Forest

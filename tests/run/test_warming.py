@@ -16,7 +16,7 @@ import sys, tempfile
 from dataclasses import replace
 from pathlib import Path
 from problems_for_tests import config_of
-from ge_torchrl.environments import recording, rollouts, soft_rollouts
+from ge_torchrl.environments.kernels import recording, rollouts, soft_rollouts
 from ge_torchrl.ge import mapping, operators
 from ge_torchrl.run.experiment import run
 from ge_torchrl.run.plan import plan

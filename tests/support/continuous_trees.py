@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ge_torchrl.environments.rollouts import SELECT_MAX_SUMMED
+from ge_torchrl.environments.kernels.rollouts import SELECT_MAX_SUMMED
 from ge_torchrl.trees.tree import DecisionTree
 
 CONTINUOUS = ("Pendulum-v1", "MountainCarContinuous-v0")

@@ -4,7 +4,7 @@ import numpy as np
 from continuous_trees import CONTINUOUS, all_force_kinds
 from strategies import observed_trees
 
-from ge_torchrl.environments.rollouts import SELECT_MAX_SPLITS
+from ge_torchrl.environments.kernels.rollouts import SELECT_MAX_SPLITS
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.trees.tree import DecisionTree
 

@@ -24,8 +24,8 @@ from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import cache_directory, compiled_in, entry_in
-from ge_torchrl.environments.dynamics import Dynamics
-from ge_torchrl.environments.lanes import Starts, uniform_states
+from ge_torchrl.environments.kernels.dynamics import Dynamics
+from ge_torchrl.environments.kernels.lanes import Starts, uniform_states
 from ge_torchrl.environments.plants.plant import Function, Plant, read_plant
 from ge_torchrl.environments.plants.source import kernel_source, start_width
 from ge_torchrl.errors import EnvironmentFaultError

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ge_torchrl.environments.lanes import (
+from ge_torchrl.environments.kernels.lanes import (
     ACTION,
     LANE_ROWS,
     LANES,

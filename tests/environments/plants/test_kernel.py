@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from plants_for_tests import CART, KINDS, MOTOR, ROOT, in_plain_python, write_plants
 
 from ge_torchrl.environments.choose import agrees_with_gymnasium, open_backend
-from ge_torchrl.environments.dynamics import advance
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend
-from ge_torchrl.environments.kernels import dynamics_of
-from ge_torchrl.environments.lanes import ACTION, LANE_ROWS, LANES, OBSERVATION, REWARD, TERMINATED
+from ge_torchrl.environments.kernel_choice import dynamics_of
+from ge_torchrl.environments.kernels.dynamics import advance
+from ge_torchrl.environments.kernels.lanes import ACTION, LANE_ROWS, LANES, OBSERVATION, REWARD, TERMINATED
 from ge_torchrl.environments.mirroring import check_mirror
 from ge_torchrl.environments.plants.environment import register_plant
 from ge_torchrl.environments.plants.kernel import plant_kernel

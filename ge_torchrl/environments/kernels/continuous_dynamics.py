@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
-from ge_torchrl.environments.lanes import (
+from ge_torchrl.environments.kernels.lanes import (
     ACTION,
     COS_1,
     LANES,
@@ -25,7 +25,7 @@ from ge_torchrl.environments.lanes import (
     to_float32,
     uniform_states,
 )
-from ge_torchrl.environments.trigonometry import sin_cos
+from ge_torchrl.environments.kernels.trigonometry import sin_cos
 
 _PI = np.pi
 _TURN = 2.0 * np.pi

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
-from ge_torchrl.environments.calling import call
-from ge_torchrl.environments.continuous_dynamics import (
+from ge_torchrl.environments.kernels.calling import call
+from ge_torchrl.environments.kernels.continuous_dynamics import (
     advance_continuous_mountain_car,
     advance_pendulum,
     continuous_mountain_car_starts,
     pendulum_starts,
 )
-from ge_torchrl.environments.lanes import (
+from ge_torchrl.environments.kernels.lanes import (
     ACTION,
     COS_1,
     COS_2,
@@ -43,7 +43,7 @@ from ge_torchrl.environments.lanes import (
     to_float32,
     uniform_states,
 )
-from ge_torchrl.environments.trigonometry import round_to_integer, sin_cos, sin_cos_reduced
+from ge_torchrl.environments.kernels.trigonometry import round_to_integer, sin_cos, sin_cos_reduced
 
 CARTPOLE, ACROBOT, MOUNTAIN_CAR, PENDULUM, CONTINUOUS_MOUNTAIN_CAR = 0, 1, 2, 3, 4
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled, inlined
 from ge_torchrl.environments.backend import Samples, SoftForest
-from ge_torchrl.environments.decisions import clipped
-from ge_torchrl.environments.draws import seed_generator
-from ge_torchrl.environments.dynamics import advance
-from ge_torchrl.environments.lanes import (
+from ge_torchrl.environments.kernels.decisions import clipped
+from ge_torchrl.environments.kernels.draws import seed_generator
+from ge_torchrl.environments.kernels.dynamics import advance
+from ge_torchrl.environments.kernels.lanes import (
     ACTION,
     LANE_ROWS,
     LANES,
@@ -26,7 +26,7 @@ from ge_torchrl.environments.lanes import (
     VECTOR,
     Starts,
 )
-from ge_torchrl.environments.soft_draws import draw_action, draw_leaf, draw_value
+from ge_torchrl.environments.kernels.soft_draws import draw_action, draw_leaf, draw_value
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.seeding import episode_seeds
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
-from ge_torchrl.environments.decisions import answer, goes_left
-from ge_torchrl.environments.dynamics import advance
-from ge_torchrl.environments.lanes import (
+from ge_torchrl.environments.kernels.decisions import answer, goes_left
+from ge_torchrl.environments.kernels.dynamics import advance
+from ge_torchrl.environments.kernels.lanes import (
     ACTION,
     LANE_ROWS,
     LANES,

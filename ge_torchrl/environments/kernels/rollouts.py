@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled, inlined
-from ge_torchrl.environments.decisions import (
+from ge_torchrl.environments.kernels.decisions import (
     Lanes,
     are_axis_aligned,
     decide_by_selects,
@@ -18,8 +18,8 @@ from ge_torchrl.environments.decisions import (
     look_up_actions,
     look_up_answers,
 )
-from ge_torchrl.environments.dynamics import advance
-from ge_torchrl.environments.lanes import LANE_ROWS, LANES, REWARD, TERMINATED
+from ge_torchrl.environments.kernels.dynamics import advance
+from ge_torchrl.environments.kernels.lanes import LANE_ROWS, LANES, REWARD, TERMINATED
 from ge_torchrl.trees.forest import ForestArrays
 
 # Below these a bottom-up evaluation of all splits is cheaper than walks (measured by the benchmarks).

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ge_torchrl.compilation import inlined
 from ge_torchrl.environments.backend import SoftForest
-from ge_torchrl.environments.draws import draw_normal, draw_uniform
-from ge_torchrl.environments.lanes import LANES, OBSERVATION
+from ge_torchrl.environments.kernels.draws import draw_normal, draw_uniform
+from ge_torchrl.environments.kernels.lanes import LANES, OBSERVATION
 
 
 @inlined

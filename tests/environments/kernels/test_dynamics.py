@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ge_torchrl.environments.dynamics import DYNAMICS, advance
-from ge_torchrl.environments.lanes import (
+from ge_torchrl.environments.kernels.dynamics import DYNAMICS, advance
+from ge_torchrl.environments.kernels.lanes import (
     ACTION,
     COS_1,
     LANE_ROWS,
@@ -19,7 +19,7 @@ from ge_torchrl.environments.lanes import (
     START_ROWS,
     TERMINATED,
 )
-from ge_torchrl.environments.trigonometry import sin_cos
+from ge_torchrl.environments.kernels.trigonometry import sin_cos
 
 WALKS, WALK_STEPS = 40, 500
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled, inlined
-from ge_torchrl.environments.lanes import ACTION, LANES, OBSERVATION, to_float32
+from ge_torchrl.environments.kernels.lanes import ACTION, LANES, OBSERVATION, to_float32
 from ge_torchrl.trees.forest import ForestArrays
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ge_torchrl.environments.dynamics import DYNAMICS, Dynamics
+from ge_torchrl.environments.kernels.dynamics import DYNAMICS, Dynamics
 from ge_torchrl.environments.plants.kernel import plant_kernel
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ge_torchrl.environments.draws import draw_normal, draw_uniform, first_uniforms, seed_generator
+from ge_torchrl.environments.kernels.draws import draw_normal, draw_uniform, first_uniforms, seed_generator
 
 
 @given(st.lists(st.integers(0, 2**63 - 1) | st.integers(0, 2**31 - 1), max_size=8), st.integers(0, 9))

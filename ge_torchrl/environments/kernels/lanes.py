@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import compiled
-from ge_torchrl.environments.draws import first_uniforms
+from ge_torchrl.environments.kernels.draws import first_uniforms
 
 LANES = 64
 # Loops run over a multiple of this many lanes: spare lanes compute nonsense that nobody reads, which costs less
