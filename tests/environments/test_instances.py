@@ -79,11 +79,11 @@ def test_what_cannot_be_measured_is_not_bounded(monkeypatch, tmp_path):
 def test_what_is_measured_is_closed():
     closed = []
 
-    class CountedEnv(WalkEnv):
+    class CountingEnv(WalkEnv):
         def close(self):
             closed.append(self)
 
-    described = describe(register(CountedEnv))
+    described = describe(register(CountingEnv))
     closed.clear()
     copies_that_fit(described)
     assert len(closed) == 2
