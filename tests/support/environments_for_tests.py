@@ -129,10 +129,13 @@ class SwitchesEnv(CountdownEnv):
 
 
 class UnseededEnv(WalkEnv):
-    """The walk, which begins and goes on as it likes, whatever the seed."""
+    """The walk, which begins and goes on as it likes, whatever the seed; no two of its states are alike."""
 
     def reset(self, *, seed=None, options=None):  # noqa: ARG002
         return super().reset(options=options)
+
+    def observe(self):
+        return (0.9 * super().observe() + 0.1 * self.np_random.random(2)).astype(self.dtype)
 
 
 class BreakoutEnv(CountdownEnv):
