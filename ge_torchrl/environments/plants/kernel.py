@@ -20,7 +20,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.core.errors import NumbaError
+from numba.core.errors import NumbaError, UnsupportedBytecodeError
 from numpy.typing import NDArray
 
 from ge_torchrl.compilation import cache_directory, compiled_in, entry_in
@@ -123,7 +123,9 @@ def _loaded(folder: Path, plant: Plant, bound: dict[str, Any]) -> ModuleType:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except NumbaError as error:
+    except OSError:
+        raise
+    except Exception as error:
         raise EnvironmentFaultError(f"{plant.dynamics} cannot be compiled: {_told(error)}") from error
     return module
 
@@ -157,7 +159,10 @@ def _result(plant: Plant, functions: dict[str, Function], name: str, arguments: 
     function: Any = functions[name]
     try:
         function.compile(arguments)
-    except NumbaError as error:
+    except OSError:
+        # Of the cache.
+        raise
+    except Exception as error:  # Not all that numba raises is a NumbaError.
         raise EnvironmentFaultError(
             f"{plant.dynamics}.{name} must be code that numba compiles, for ({', '.join(map(_shown, arguments))}); "
             f"{_told(error)}"
@@ -192,15 +197,18 @@ def _shown(given: Any) -> str:
     return bare.replace("float64", "float").replace("int64", "int")
 
 
-def _told(error: NumbaError) -> str:
+def _told(error: Exception) -> str:
     """Return the first thing that numba has to say, with the line of the user's file."""
-    text = re.sub(r"\x1b\[\d*m", "", str(error))
+    is_of_numba = isinstance(error, NumbaError | UnsupportedBytecodeError)
+    text = str(error) if is_of_numba else f"{type(error).__name__}: {error}"
+    text = re.sub(r"\x1b\[\d*m", "", text)
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     said = [line for line in lines if not line.startswith(("Failed in nopython mode", "File ", "During:"))]
     place = re.findall(r'File "[^"]*", line (\d+)|\.py \((\d+)\)', text)
     numbers = [first or second for first, second in place]
     first = said[:2] if said and said[0].endswith(":") else said[:1]
-    what = " ".join(" ".join(first).split())[:300] or type(error).__name__
+    what = " ".join(" ".join(first).split()).partition(" Raised from ")[0].rstrip(".")[:300]
+    what = "imports go to the top of the file" if "IMPORT_NAME" in what else what or type(error).__name__
     with contextlib.suppress(IndexError):
         what += f" (line {numbers[-1]})"
     return what

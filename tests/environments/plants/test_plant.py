@@ -199,6 +199,27 @@ def test_the_digest_of_the_source_is_that_of_the_text_wherever_it_lies(folder):
 
 
 @pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ("return state, math.sinus(1.0), False", "AttributeError: module 'math' has no attribute 'sinus'"),
+        ("import numpy\n    return state, 1.0, False", "imports go to the top of the file (line 4)"),
+        (
+            "from math import sin\n    return state, sin(1.0), False",
+            "imports go to the top of the file (line 4)",
+        ),
+        ("global K\n    K += 1\n    return state, 1.0, False", "(STORE_GLOBAL) found (line 5)"),
+        ("with open('a') as a:\n        return state, 1.0, False", "construct is not supported"),
+    ],
+)
+def test_what_numba_cannot_even_read_is_told(folder, body, told):
+    step = f"import math\nK = 1\ndef step_of_mine(state, action):\n    {body}\n"
+    expected = f"mine.py:Mine.step must be code that numba compiles, for ((float, float), int); {told}"
+    said = refusal(folder, step + text_of(GOOD | {"step": "step_of_mine"}))
+    assert said.startswith(expected.partition(";")[0])
+    assert said.endswith(told)
+
+
+@pytest.mark.parametrize(
     "step",
     ["((s[0] + np.random.normal(), s[1]), 1.0, False)", "(s, np.random.random(), False)"],
 )
