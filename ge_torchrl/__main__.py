@@ -49,7 +49,7 @@ from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR, JobFailedError
-from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unknown_choice
+from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unknown_choice, unreadable
 from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 
@@ -283,7 +283,7 @@ def _in_our_words() -> Iterator[None]:
             raise ConfigError(one_line(error)) from error
         raise unknown_choice(group, choice, error.options or ()) from error
     except OverrideParseException as error:
-        raise ConfigError(f"expected key=value, such as seed=3; got {error.override!r}") from error
+        raise ConfigError(unreadable(error.override)) from error
     except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
         raise ConfigError(one_line(error)) from error
 

@@ -121,6 +121,13 @@ def _is_plain(value: Any) -> bool:
     return value is None or (isinstance(value, bool | int | str) and value != UNSET)
 
 
+def _is_finite(value: Any) -> bool:
+    """Tell whether all numbers within a value are finite."""
+    if isinstance(value, Mapping | list | tuple):
+        return all(map(_is_finite, value.values() if isinstance(value, Mapping) else value))
+    return not isinstance(value, float) or math.isfinite(value)
+
+
 def checked(key: str, value: object, rule: Rule) -> Any:
     """Return the value in its one spelling.
 
@@ -136,7 +143,7 @@ def checked(key: str, value: object, rule: Rule) -> Any:
         return None
     if not rule.many:
         if not rule.accepts(value):
-            refuse(key, value, rule.expected, rule.because, _now_called(value, rule))
+            refuse(key, value, rule.expected, rule.because, _hint(value, rule))
         return rule.normalised(value)
     is_list = isinstance(value, Sequence) and not isinstance(value, str)
     entries: Iterable[object] = value if is_list else ()  # type: ignore[assignment]
@@ -150,7 +157,9 @@ def checked(key: str, value: object, rule: Rule) -> Any:
     return tuple(map(rule.normalised, entries))
 
 
-def _now_called(value: object, rule: Rule) -> str:
+def _hint(value: object, rule: Rule) -> str:
+    if rule.kind == "mapping" and not _is_finite(value):
+        return "numbers must be finite"
     successor = dict(rule.renamed).get(value) if isinstance(value, str) else None
     return f"{value} is now called {successor}" if successor else ""
 

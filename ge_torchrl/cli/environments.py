@@ -7,6 +7,7 @@ from pathlib import Path
 from ge_torchrl.cli.parser import Parser
 from ge_torchrl.cli.statuses import OK
 from ge_torchrl.config import Config
+from ge_torchrl.errors import ConfigError
 
 Compose = Callable[[list[str]], Config]
 """Makes a configuration of the words of a command line."""
@@ -67,5 +68,9 @@ def _parser(verb: str, description: str) -> Parser:
 def _words(options: argparse.Namespace) -> list[str]:
     first = options.environment
     words: Sequence[str] = options.settings
+    if first.endswith(".py"):
+        raise ConfigError(
+            f"env.dynamics must be a file and a class in it, as in env.dynamics={first}:Class; got {first!r}"
+        )
     key = "env.dynamics" if ".py:" in first else "env.id"
     return [first if "=" in first else f"{key}={first}", *words]

@@ -1,5 +1,6 @@
 """What is said about a command line: other packages' errors in one line, and names and texts as they are shown."""
 
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -9,12 +10,56 @@ from ge_torchrl.config import check_choice
 from ge_torchrl.errors import ConfigError
 
 _LONGEST_NAME = 160
+_EXPECTED = "expected key=value, such as seed=3"
+# Of a Gymnasium environment.
+_ID = re.compile(r"(?:[\w.]+:)?(?:[\w-]+/)?[\w.-]+-v\d+")
+_SWAPPED = re.compile(r"Cannot merge (?:Dict|List)Config with (?:Dict|List)Config")
 
 
 def one_line(error: BaseException) -> str:
     """Return what an error and its cause say, in one line."""
-    texts = [str(error), str(error.__cause__ or "")]
+    texts = [_unmergeable(error)] if _unmergeable(error) else [str(error), str(error.__cause__ or "")]
     return " ".join(" ".join(texts).split())
+
+
+def unreadable(word: str) -> str:
+    """Return what to say of a word of a command line that is no key=value, or whose value cannot be read."""
+    key, equals, value = word.partition("=")
+    if not equals:
+        meant = _meant(word)
+        return f"expected key=value; got {word!r}; type {meant}" if meant else f"{_EXPECTED}; got {word!r}"
+    if not key.strip():
+        return f"{_EXPECTED}; got {word!r}"
+    front = f"the value of {key} cannot be read"
+    if key.lstrip("+") == "env.wrappers":
+        form = """env.wrappers='["gymnasium.wrappers:DiscretizeAction {bins: 7}"]'"""
+        return (
+            f"{front}, because a wrapper with arguments needs quotes of its own, as in {form}; got {value!r}"
+        )
+    return f"""{front}; expected it in quotes, as in {key}='"a b"'; got {value!r}"""
+
+
+def _meant(word: str) -> str:
+    """Return the override that a word alone may stand for; empty where none comes to mind."""
+    if word.endswith(".py"):
+        return f"env.dynamics={word}:Class, with the name of the class"
+    if ".py:" in word:
+        return f"env.dynamics={word}"
+    if _ID.fullmatch(word):
+        return f"env.id={word}"
+    return f"env={word}" if word in choices("env") else ""
+
+
+def _unmergeable(error: BaseException) -> str:
+    """Return what to say of a list where keys with values belong, or of these where a list does; else nothing."""
+    override = str(error).removeprefix("Error merging override ")
+    if override == str(error) or not _SWAPPED.search(str(error.__cause__)):
+        return ""
+    # OmegaConf tells of both with the same words.
+    told = f"expected a list where one belongs, and keys with values where these do; got {override}"
+    if not override.lstrip("+").startswith("env.symmetry"):
+        return told
+    return f"{told}; type pairs as keys with values, as in env.symmetry='{{negate: [x], actions: {{left: right}}}}'"
 
 
 def unknown_choice(group: str, choice: str, offered: Iterable[str]) -> ConfigError:

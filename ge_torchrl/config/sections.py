@@ -80,6 +80,9 @@ class EnvironmentConfig(Section):
     )
 
     def __post_init__(self) -> None:
+        if isinstance(self.dynamics, str) and not self.dynamics.strip():
+            # It would be told of the id else, which nobody typed.
+            self.refuse("dynamics", "a file and a class in it, such as plant.py:Cart or null")
         if self.id == UNSET and isinstance(self.dynamics, str):
             object.__setattr__(self, "id", self.dynamics)
         super().__post_init__()

@@ -50,6 +50,10 @@ def test_check_takes_an_id_or_a_choice_with_other_settings(surveyed, capsys):
         (["check", "env=nothing"], "env=nothing is unknown; expected one of"),
         (["check", "A-v0", "env.foo=3"], "env.foo is unknown"),
         (["check", "NoSuchThing-v0"], "env.id must be the id of an installed Gymnasium environment"),
+        (
+            ["check", "plant.py"],
+            "env.dynamics must be a file and a class in it, as in env.dynamics=plant.py:Class",
+        ),
         (["init", "FrozenLake-v1"], "env.wrappers='[gymnasium.wrappers:FlattenObservation]'"),
         (["chek", "A-v0"], "chek is unknown; expected key=value, such as seed=3, or check"),
     ],

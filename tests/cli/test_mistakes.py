@@ -54,6 +54,37 @@ CONF = ROOT / "conf"
         (["seed=${foo}"], "Interpolation key 'foo' not found full_key: seed"),
         (["seed=-1", "--cfg", "job"], "seed must be an integer of at least 0"),
         (["seed"], "expected key=value, such as seed=3; got 'seed'"),
+        (["plant.py:Cart"], "expected key=value; got 'plant.py:Cart'; type env.dynamics=plant.py:Cart"),
+        (["plant.py"], "expected key=value; got 'plant.py'; type env.dynamics=plant.py:Class, with the name"),
+        (["CartPole-v1"], "expected key=value; got 'CartPole-v1'; type env.id=CartPole-v1"),
+        (["ALE/Pong-v5"], "expected key=value; got 'ALE/Pong-v5'; type env.id=ALE/Pong-v5"),
+        (["my_module:Name-v0"], "expected key=value; got 'my_module:Name-v0'; type env.id=my_module:Name-v0"),
+        (["mountaincar"], "expected key=value; got 'mountaincar'; type env=mountaincar"),
+        (
+            ["env.wrappers=[gymnasium.wrappers:DiscretizeAction {bins: 3}]"],
+            "the value of env.wrappers cannot be read, because a wrapper with arguments needs quotes of its own",
+        ),
+        (
+            ["grammar.name=a b {"],
+            "the value of grammar.name cannot be read; expected it in quotes, as in grammar.name='\"a b",
+        ),
+        (
+            ["env.dynamics="],
+            "env.dynamics must be a file and a class in it, such as plant.py:Cart or null; got ''",
+        ),
+        (
+            ["env.id=CartPole-v1", "env.kwargs.TRACK=inf"],
+            "env.kwargs must be keys with values, such as {gravity: -5}; got {'TRACK': inf}; numbers must be finite",
+        ),
+        (
+            ["env.symmetry={negate: [x], actions: [left, right]}"],
+            "expected a list where one belongs, and keys with values where these do; got env.symmetry={negate: [x], ",
+        ),
+        (["ge=[1]"], "expected a list where one belongs, and keys with values where these do; got ge=[1]"),
+        (
+            ["env.features={a: b}"],
+            "expected a list where one belongs, and keys with values where these do; got env.features={a: b}",
+        ),
         (["seed=1,2"], "seed must be one value; got seed=1,2; for a run of each, add -m"),
         (["-m", "seed=1,-2"], "seed must be an integer of at least 0, because"),
         (["-m", "env=cartpole,foo"], "env=foo is unknown"),
