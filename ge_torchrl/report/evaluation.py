@@ -18,7 +18,7 @@ from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluationSummary, SweepEvaluation
 from ge_torchrl.report.methods import METHODS, method_of
-from ge_torchrl.report.reading import environment_of_run, made, read_tree, tell_of_another_plant
+from ge_torchrl.report.reading import environment_of_run, made, read_tree
 from ge_torchrl.report.sizes import SizedTree
 from ge_torchrl.report.tables import RunRow
 from ge_torchrl.seeding import episode_seeds, stream
@@ -157,9 +157,8 @@ class _Candidates:
 
 def _candidates(folder: RunFolder) -> _Candidates:
     """Read the trees of one run."""
-    controller, spec = folder.read_best_tree(), environment_of_run(folder)
-    tell_of_another_plant(folder.path, controller.names, spec)
-    champion = controller.tree
+    controller = folder.read_best_tree()
+    spec, champion = environment_of_run(folder, controller), controller.tree
     return _Candidates(
         path=folder.path,
         method=method_of(folder.read_config()),

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 from ge_torchrl.artefacts.folder import ARCHIVE_TREES, CONFIG, RunFolder
+from ge_torchrl.config import EnvironmentConfig
+from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec, describe, describe_settings
 from ge_torchrl.errors import ArtefactError
-from ge_torchrl.trees.controller import Controller, Names
+from ge_torchrl.trees.controller import Controller, Names, check_names
 from ge_torchrl.trees.files import read_controller
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -29,45 +32,86 @@ def read_tree(path: Path, nodes: int | None) -> tuple[DecisionTree, EnvironmentS
     if path.is_dir():
         folder = RunFolder(path)
         controller = folder.read_best_tree() if nodes is None else folder.read_archive_tree(nodes)
-        spec = environment_of_run(folder)
-        tell_of_another_plant(path, controller.names, spec)
-        return controller.tree, spec
+        return controller.tree, environment_of_run(folder, controller)
     if nodes is not None:
         raise ArtefactError(f"--nodes chooses a tree of a run, so expected a run's folder; got {path}")
     controller = read_controller(path)
     run = path.parent.parent if path.parent.name == ARCHIVE_TREES else path.parent
-    of_run = environment_of_run(RunFolder(run)) if (run / CONFIG).exists() else None
-    spec = _environment_of(controller, of_run)
-    tell_of_another_plant(path, controller.names, spec)
-    return controller.tree, spec
+    env = RunFolder(run).read_config().env if (run / CONFIG).exists() else None
+    return controller.tree, _environment_of(path, controller, env)
 
 
-def environment_of_run(folder: RunFolder) -> EnvironmentSpec:
-    """Describe the environment of a run.
+def environment_of_run(folder: RunFolder, controller: Controller) -> EnvironmentSpec:
+    """Describe the environment of a run, in which one of its trees is measured.
 
     Raises:
-        UserError: The run's configuration cannot be read, or the environment is at fault.
+        UserError: The run's configuration cannot be read, the environment is at fault, or it has changed so that the
+            tree does not fit it.
     """
-    return describe_settings(folder.read_config().env)
+    env = folder.read_config().env
+    _check_plant(controller.names, env)
+    spec = describe_settings(env)
+    _check_fit(controller, spec)
+    _tell_of_another_plant(folder.path, controller.names, spec)
+    return spec
 
 
-def _environment_of(controller: Controller, of_run: EnvironmentSpec | None) -> EnvironmentSpec:
+def _environment_of(path: Path, controller: Controller, of_run: EnvironmentConfig | None) -> EnvironmentSpec:
     """Describe the environment that a tree's own file names, wherever it lies; its run may know a threshold."""
     names = controller.names
-    if of_run is not None and made(of_run.names) == made(names):
-        return of_run
-    return describe(
-        names.id,
-        names.features,
-        names.units,
-        names.actions,
-        max_episode_steps=names.max_episode_steps,
-        kwargs=names.kwargs,
-        wrappers=names.wrappers,
-    )
+    _check_plant(names, of_run)
+    spec = None if of_run is None else describe_settings(of_run)
+    if spec is None or made(spec.names) != made(names):
+        spec = describe(
+            names.id,
+            names.features,
+            names.units,
+            names.actions,
+            max_episode_steps=names.max_episode_steps,
+            kwargs=names.kwargs,
+            wrappers=names.wrappers,
+        )
+    _check_fit(controller, spec)
+    _tell_of_another_plant(path, names, spec)
+    return spec
 
 
-def tell_of_another_plant(path: Path, of_tree: Names, spec: EnvironmentSpec) -> None:
+def _check_plant(of_tree: Names, env: EnvironmentConfig | None) -> None:
+    """Refuse a user's own dynamics whose names are others by now, or in another order, than a tree has them.
+
+    Names that the settings give are the user's own, and nobody can say what became of them.
+    """
+    if not names_plant(of_tree.id):
+        return
+    now = describe(of_tree.id, kwargs=of_tree.kwargs, wrappers=of_tree.wrappers).names
+    if now.source == of_tree.source:
+        return
+    for key, reads, observes in (("features", "reads", "observes"), ("actions", "answers with", "takes")):
+        names, there = getattr(of_tree, key), getattr(now, key)
+        is_named_anew = env is not None and getattr(env, key) and set(names) != set(there)
+        if names != there and not is_named_anew:
+            raise ArtefactError(
+                f"the tree {reads} {', '.join(names)}; {of_tree.id} {observes} {', '.join(there)}, because its file "
+                "has changed since the tree was made"
+            )
+
+
+def _check_fit(controller: Controller, spec: EnvironmentSpec) -> None:
+    """Refuse an environment that observes or takes something of another kind than a tree's."""
+    names, has_actions = controller.names, controller.tree.has_actions
+    if has_actions == spec.is_continuous:
+        raise ArtefactError(
+            f"the tree answers with {_kind(names.actions, is_continuous=not has_actions)}; {spec.id} takes "
+            f"{_kind(spec.names.actions, is_continuous=spec.is_continuous)} by now"
+        )
+    check_names(controller.tree, spec.names)
+
+
+def _kind(actions: Sequence[str], *, is_continuous: bool) -> str:
+    return f"{'numbers for' if is_continuous else 'one of'} {', '.join(actions)}"
+
+
+def _tell_of_another_plant(path: Path, of_tree: Names, spec: EnvironmentSpec) -> None:
     """Say in a line where a user's own dynamics are others than those that a tree was made for."""
     if of_tree.source and of_tree.id == spec.id and of_tree.source != spec.names.source:
         _logger.warning(
