@@ -23,7 +23,8 @@ import gymnasium as gym
 
 from ge_torchrl.environments.gymnasium_runner import Runner, Watch
 from ge_torchrl.environments.plants.plant import names_plant
-from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, registered_id
+from ge_torchrl.environments.registry import registered_id
+from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
 
 _Result = TypeVar("_Result")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from typing import Any
 
 import gymnasium as gym
@@ -19,7 +17,14 @@ from ge_torchrl.config import EnvironmentConfig
 from ge_torchrl.environments.naming import feature_names
 from ge_torchrl.environments.plants.environment import register_plant
 from ge_torchrl.environments.plants.plant import names_plant, read_plant
-from ge_torchrl.environments.suitable import action_bounds, float32_bounds, observed_box, one_line
+from ge_torchrl.environments.registry import find_registered
+from ge_torchrl.environments.suitable import (
+    action_bounds,
+    float32_bounds,
+    observed_box,
+    one_line,
+    space_of,
+)
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.trees.controller import Names
 
@@ -108,11 +113,6 @@ def make_gymnasium(
     return _make(environment.id, limit, environment.names.kwargs, environment.names.wrappers, render_mode)
 
 
-def registered_id(environment_id: str) -> str:
-    """Return the id as Gymnasium's registry knows it: without `module:`, which is for `gym.make` alone."""
-    return environment_id.rpartition(":")[2]
-
-
 def describe(
     environment_id: str,
     features: tuple[str, ...] = (),
@@ -144,8 +144,9 @@ def describe(
     given = dict(kwargs or {})
     environment = _make(environment_id, max_episode_steps, given, wrappers, None)
     try:
-        action_space, registered = environment.action_space, environment.spec
-        observed = observed_box(environment.observation_space, environment_id, wrappers)
+        action_space, registered = space_of(environment, "action_space", environment_id), environment.spec
+        observation_space = space_of(environment, "observation_space", environment_id)
+        observed = observed_box(observation_space, environment_id, wrappers)
         bounds = action_bounds(action_space, environment_id, wrappers)
         found_names = feature_names(environment)
     finally:
@@ -221,11 +222,13 @@ def _make(
     if names_plant(environment_id):
         environment_id, given = register_plant(environment_id, given), {}
     try:
-        _register_plugin(environment_id)
+        find_registered(environment_id)
         # Our own border checks what comes back, and names the seed, step and action with it.
         environment: GymEnvironment = gym.make(
             environment_id, max_episode_steps=max_episode_steps, disable_env_checker=True, **given
         )
+    except EnvironmentFaultError:
+        raise
     except gym.error.DependencyNotInstalled as error:
         raise EnvironmentFaultError(
             f"env.id={environment_id} needs packages that are not installed ({one_line(error)}); "
@@ -249,22 +252,14 @@ def _make(
     return environment
 
 
-def _register_plugin(environment_id: str) -> None:
-    """Let a package register its environments where it does so by an entry point, which Gymnasium 1 no longer calls."""
-    module, name = environment_id.rpartition(":")[0], registered_id(environment_id)
-    if not module or name in gym.registry:
-        return
-    importlib.import_module(module)
-    if name not in gym.registry:
-        package = module.partition(".")[0]
-        for plugin in entry_points(group="gymnasium.envs"):
-            if plugin.module.partition(".")[0] == package:
-                plugin.load()()
-
-
 def _wrapped(environment: GymEnvironment, wrapper: str) -> GymEnvironment:
     """Put a wrapper around an environment; its name is looked up, its arguments are read, nothing is evaluated."""
     name, _, text = wrapper.partition(" ")
+    if name.count(":") != 1:
+        raise EnvironmentFaultError(
+            f"env.wrappers must be names such as gymnasium.wrappers:FlattenObservation, with one colon; "
+            f"got {wrapper!r}; type env.wrappers='[{_with_colon(name)}]'"
+        )
     try:
         arguments = dict(yaml.safe_load(text) if text.strip() else {})
         wrap: Any = load_env_creator(name)
@@ -285,6 +280,12 @@ def _wrapped(environment: GymEnvironment, wrapper: str) -> GymEnvironment:
             f"env.wrappers: {wrapper} raised {error!r} around {environment.unwrapped}"
         ) from error
     return wrapped
+
+
+def _with_colon(name: str) -> str:
+    """Return a wrapper's name with a colon in front of its class; one of Gymnasium's own may stand alone."""
+    module, _, wrapper = name.replace(":", ".").rpartition(".")
+    return f"{module or 'gymnasium.wrappers'}:{wrapper}"
 
 
 def _check_number(what: str, names: tuple[str, ...], expected: int, environment_id: str) -> None:

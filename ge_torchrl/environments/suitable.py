@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -16,6 +17,30 @@ from ge_torchrl.errors import EnvironmentFaultError
 _OURS = "ge_torchrl.environments.wrappers"
 # A person does not read a leaf that is one of more choices.
 _MOST_COMBINATIONS = 1000
+
+
+def space_of(environment: gym.Env[Any, Any], name: str, environment_id: str) -> spaces.Space[Any]:
+    """Return a space of an environment.
+
+    Args:
+        environment: May have forgotten it.
+        name: `action_space` or `observation_space`.
+        environment_id: Of the environment.
+
+    Raises:
+        EnvironmentFaultError: There is none, or it is something else.
+    """
+    try:
+        space = getattr(environment, name)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it raises, it has no space.
+        got = f"none ({one_line(error)})"
+    else:
+        if isinstance(space, spaces.Space):
+            return space
+        got = one_line(space)
+    raise EnvironmentFaultError(
+        f"env.id={environment_id} must have {name}, a space of gymnasium.spaces, set where it is made; got {got}"
+    )
 
 
 def observed_box(space: spaces.Space[Any], environment_id: str, wrappers: Sequence[str]) -> spaces.Box:

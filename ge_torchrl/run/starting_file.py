@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from ge_torchrl.environments.spec import registered_id
+from ge_torchrl.environments.registry import registered_id
 from ge_torchrl.errors import ArtefactError
 
 if TYPE_CHECKING:

@@ -170,14 +170,6 @@ def test_an_unknown_id_is_told_of_the_module_that_registers_it():
         describe("FlappyBird-v77")
 
 
-def test_a_version_that_is_out_of_date_is_told_with_the_one_to_type():
-    with (
-        pytest.warns(DeprecationWarning, match="out of date"),
-        pytest.raises(EnvironmentFaultError, match=r"^env\.id=LunarLander-v2: .*`LunarLander-v3`"),
-    ):
-        describe("LunarLander-v2")
-
-
 def test_a_package_may_register_its_environments_by_an_entry_point(monkeypatch):
     """As MinAtar does; Gymnasium 1 does not call it."""
     asked = []
@@ -189,7 +181,7 @@ def test_a_package_may_register_its_environments_by_an_entry_point(monkeypatch):
             EntryPoint("ours", "environments_for_tests:register_plugin", group),
         ]
 
-    monkeypatch.setattr("ge_torchrl.environments.spec.entry_points", declared)
+    monkeypatch.setattr("ge_torchrl.environments.registry.entry_points", declared)
     try:
         assert describe("environments_for_tests:Plugged/Walk-v0").n_features == 2
         assert describe("environments_for_tests:Plugged/Walk-v0").n_actions == 2
@@ -204,3 +196,48 @@ def test_what_an_environment_raises_while_it_is_made_is_one_line():
         match=r"env\.id=CartPole-v1 raised TypeError.*was made with env\.kwargs=.*wheels",
     ):
         describe("CartPole-v1", kwargs={"wheels": 3})
+
+
+@pytest.mark.parametrize("missing", ["action_space", "observation_space"])
+@pytest.mark.parametrize("instead", [None, 2])
+def test_an_environment_without_a_space_is_told_in_one_line(missing, instead):
+    class Spaceless(gym.Env):
+        observation_space = gym.spaces.Box(-1, 1, (2,))
+        action_space = gym.spaces.Discrete(2)
+
+    if instead is None:
+        delattr(Spaceless, missing)
+    else:
+        setattr(Spaceless, missing, instead)
+    Spaceless.__name__ += f"{missing}{instead}".replace("_", "")
+    with pytest.raises(EnvironmentFaultError, match=rf"must have {missing}, a space of .*; got") as told:
+        describe(register(Spaceless))
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("gymnasium.wrappers.DiscretizeAction", "gymnasium.wrappers:DiscretizeAction"),
+        ("gymnasium:wrappers:DiscretizeAction", "gymnasium.wrappers:DiscretizeAction"),
+        ("FlattenObservation", "gymnasium.wrappers:FlattenObservation"),
+    ],
+)
+def test_a_wrapper_without_its_colon_is_told_with_it(typed, meant):
+    with pytest.raises(EnvironmentFaultError, match=rf"one colon.*type env\.wrappers='\[{meant}\]'"):
+        describe("CartPole-v1", wrappers=(typed,))
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("CartPole", "CartPole-v1"),
+        ("gymnasium:CartPole", "gymnasium:CartPole-v1"),
+        ("Taxi-v1", r"Taxi-v\d+"),
+        ("LunarLander-v2", "LunarLander-v3"),
+    ],
+)
+def test_an_id_of_no_version_or_of_one_that_is_gone_is_told_with_the_newest(typed, meant, recwarn):
+    with pytest.raises(EnvironmentFaultError, match=rf"env\.id={typed} .*; type env\.id={meant}$"):
+        describe(typed)
+    assert not recwarn.list
