@@ -10,7 +10,8 @@ from ge_torchrl.config.setting import Section, setting
 class StartsConfig(Section):
     """Dense starts: trees of few splits over all features, raced against each other before evolution goes on from them.
 
-    They are there where the grammar has sums, in splits or in leaves.
+    They are there where the grammar has sums, in splits or in leaves. Where it has none and steps are dear, trees of
+    the grammar imitate the best of them, and their thresholds are moved to where they return most.
     """
 
     SECTION: ClassVar[str] = "starts"
@@ -32,7 +33,7 @@ class StartsConfig(Section):
         at_least=1,
         because="a race is run by steps in the environment",
         doc="Environment steps of a race; null takes 3 million where steps are nearly free, and elsewhere so large a "
-        "part of what the run may take that all races together have 0.6 of it.",
+        "part of what the run may take that all races together have 0.6 of it. Imitating takes as many again.",
     )
     max_env_steps: int | None = setting(
         None,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.ledger import Accountable, Ledger, Limit, LimitReachedError
+from ge_torchrl.environments.ledger import Accountable, Ledger, Limit, LimitReachedError, within
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
@@ -29,6 +29,7 @@ __all__ = [
     "SoftForest",
     "Trajectory",
     "available_cores",
+    "within",
 ]
 
 _Result = TypeVar("_Result")

@@ -6,9 +6,10 @@ import math
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 # A sign of life is given at most this often [s].
 _BEAT_SECONDS = 0.25
@@ -37,6 +38,34 @@ class Limit:
         return Limit(
             now + share * (self.deadline - now), None if most is None else done + int(share * (most - done))
         )
+
+
+class Limited(Protocol):
+    """Who has steps and a limit on them."""
+
+    @property
+    def steps(self) -> Counter[str]:
+        """Environment steps by purpose."""
+        ...
+
+    limit: Limit | None
+
+
+@contextmanager
+def within(limited: Limited, share: float) -> Iterator[None]:
+    """Leave somebody a part of what its limit leaves, for as long as this lasts.
+
+    Args:
+        limited: It may have no limit.
+        share: The part, from 0 to 1.
+    """
+    limit = limited.limit
+    if limit is not None:
+        limited.limit = limit.part(share, limited.steps.total())
+    try:
+        yield
+    finally:
+        limited.limit = limit
 
 
 class LimitReachedError(Exception):

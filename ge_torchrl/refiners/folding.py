@@ -50,7 +50,7 @@ def whole_of(half: Nodes, mirror: Mirror) -> Nodes | None:
         return list(half) if mirror.action[_action(first)] == first else None
     left, right = _children(half)
     feature, threshold = first.feature[0], first.threshold
-    if _is_odd(feature, mirror):
+    if mirror.changes_sign(feature):
         return _whole_of_fold(feature, threshold, left, right, mirror)
     wholes = whole_of(left, mirror), whole_of(right, mirror)
     if wholes[0] is None or wholes[1] is None:
@@ -89,6 +89,41 @@ def tied_leaves(half: Nodes, mirror: Mirror) -> NDArray[np.int64]:
     return np.array([node for node in whole if not isinstance(node, Split)], np.int64)
 
 
+def numbered(half: Nodes, mirror: Mirror) -> Nodes:
+    """Return a half with a number in place of each threshold, from 1 on and of its sign; a fold at 0 stays there.
+
+    Args:
+        half: The half of a tree that is its own image.
+        mirror: Of the environment.
+    """
+    nodes: Nodes = []
+    is_beyond = [False]
+    for number, node in enumerate(half, 1):
+        beyond = is_beyond.pop()
+        if not isinstance(node, Split):
+            nodes.append(node)
+            continue
+        threshold, is_fold = node.threshold, not beyond and mirror.changes_sign(node.feature[0])
+        is_beyond += [beyond or (is_fold and threshold >= 0), beyond or (is_fold and threshold < 0)]
+        if threshold != 0 or not is_fold:
+            nodes.append(node._replace(threshold=float(-number if threshold < 0 else number)))
+        else:
+            nodes.append(node)
+    return nodes
+
+
+def fold_at(feature: int, beyond: Nodes, mirror: Mirror) -> Nodes:
+    """Return the half of a tree that answers with `beyond` where a feature is 0 or more, and with its image elsewhere.
+
+    Args:
+        feature: It changes its sign in the mirror.
+        beyond: An ordinary tree.
+        mirror: Of the environment.
+    """
+    # Nobody reads the left child.
+    return [_test(feature, 0.0), _own_image(mirror), *beyond]
+
+
 def fold_observations(half: Nodes, observations: FloatArray, mirror: Mirror) -> FloatArray:
     """Return observations [T, D] as the half sees them: each itself, or its mirror image.
 
@@ -107,7 +142,7 @@ def _fold(half: Nodes, seen: FloatArray, rows: NDArray[np.int64], mirror: Mirror
     if not isinstance(first, Split) or len(rows) == 0:
         return
     feature, threshold = first.feature[0], first.threshold
-    (left, right), is_odd = _children(half), _is_odd(feature, mirror)
+    (left, right), is_odd = _children(half), mirror.changes_sign(feature)
     turned = np.zeros(len(rows), np.bool_)
     if is_odd:
         turned = seen[rows, feature] < 0 if threshold >= 0 else seen[rows, feature] > 0
@@ -128,7 +163,7 @@ def _half(nodes: Nodes, mirror: Mirror) -> Nodes | None:
         return nodes if mirror.action[_action(first)] == first else None
     left, right = _children(nodes)
     feature, threshold = first.feature[0], first.threshold
-    if _is_odd(feature, mirror):
+    if mirror.changes_sign(feature):
         return _half_of_fold(feature, threshold, left, right, mirror)
     if mirror.feature[feature] != feature:
         test = first._replace(feature=(int(mirror.feature[feature]),))
@@ -145,8 +180,7 @@ def _half_of_fold(feature: int, threshold: float, left: Nodes, right: Nodes, mir
     if abs(threshold) <= _ALIKE:
         if not _alike(_image(left, mirror), right):
             return None
-        # Nobody reads the left child.
-        return [_test(feature, 0.0), _own_image(mirror), *right]
+        return fold_at(feature, right, mirror)
     if threshold > 0 or not _is_test(right[0], _test(feature, -threshold)):
         return None
     between, beyond = _children(right)
@@ -191,10 +225,6 @@ def _children(nodes: Nodes) -> tuple[Nodes, Nodes]:
 def _test(feature: int, threshold: float) -> Split:
     # Adding zero makes -0.0 into 0.0, as in a tree.
     return Split((feature,), (1.0,), threshold + 0.0)
-
-
-def _is_odd(feature: int, mirror: Mirror) -> bool:
-    return bool(mirror.feature[feature] == feature and mirror.sign[feature] < 0)
 
 
 def _action(leaf: Leaf) -> int:

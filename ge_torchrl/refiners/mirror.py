@@ -72,6 +72,10 @@ class Mirror:
             )
         return cls(feature, sign, action, action_sign)
 
+    def changes_sign(self, feature: int) -> bool:
+        """Tell whether a feature keeps its place in the mirror, and changes its sign."""
+        return bool(self.feature[feature] == feature and self.sign[feature] < 0)
+
     def observations(self, observations: FloatArray) -> FloatArray:
         """Return observations [..., D] in the mirror."""
         mirrored: FloatArray = observations[..., self.feature] * self.sign.astype(np.float32)

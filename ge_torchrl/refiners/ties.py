@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ge_torchrl.refiners.folding import half_of, numbered, whole_of
 from ge_torchrl.refiners.mirror import Mirror
+from ge_torchrl.trees.nodes import Nodes, Split
 from ge_torchrl.trees.parameters import has_free_weight
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -56,12 +58,16 @@ def ties_of(tree: DecisionTree, mirror: Mirror) -> Ties | None:
 
     A split's image is the split with mirrored weights and the same threshold, or its complement, with all of that
     negated. A tree is its own image where each split has its image among the splits, and each leaf answers in the
-    mirror what a leaf answers to which the images of its splits lead.
+    mirror what a leaf answers to which the images of its splits lead. So is a tree that folds, in whose two halves
+    one split may stand twice.
 
     Args:
         tree: The tree.
         mirror: Of the environment.
     """
+    half = half_of(tree, mirror)
+    if half is not None:
+        return _ties_of_half(half, mirror)
     images = _images_of_splits(tree, mirror)
     leaves = None if images is None else _images_of_leaves(tree, mirror, images)
     if images is None or leaves is None:
@@ -70,6 +76,20 @@ def ties_of(tree: DecisionTree, mirror: Mirror) -> Ties | None:
     _tie_splits(tree, mirror, images, tied)
     if not tree.has_actions:
         _tie_leaves(tree, mirror, leaves, tied)
+    return tied.ties()
+
+
+def _ties_of_half(half: Nodes, mirror: Mirror) -> Ties | None:
+    """Return the ties of the tree whose half it is: those thresholds are tied that come from one of the half's."""
+    whole = whole_of(numbered(half, mirror), mirror)
+    if whole is None:
+        return None
+    tied = _Tied(sum(isinstance(node, Split) for node in whole))
+    first: dict[float, tuple[int, float]] = {}
+    for place, number in enumerate(node.threshold for node in whole if isinstance(node, Split)):
+        one, its_number = first.setdefault(abs(number), (place, number))
+        # What is at 0 stays there: it is its own negative.
+        tied.tie(one, place, 1 if number != 0 and number == its_number else -1)
     return tied.ties()
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import LimitReachedError
+from ge_torchrl.refiners.folding import half_of
 from ge_torchrl.search.archive import RACE, Archive, Contender, confirmed, offer
 from ge_torchrl.search.fitness import fitness_of, measure
 from ge_torchrl.search.neighbours import folds, near, random_trees
@@ -130,7 +131,7 @@ def _started(
     """Let a climber start at the best of many random trees, where the grammar has any that test something.
 
     What the best of the first trees see is what thresholds of the others are taken from. The first climber may start
-    from a kept tree too; but where trees are folded, what evolution found is seldom its own image.
+    from a kept tree too; where trees are folded only from one that is its own image, as what evolution found seldom is.
     """
     n = _affordable(problem)
     first = random_trees(problem, n // _FIRST_PART, rng)
@@ -141,14 +142,20 @@ def _started(
     seen = problem.backend.observe(trees, _OBSERVED_STEPS, rng.spawn(len(trees)), RACES)
     others = random_trees(problem, n, rng, seen.reshape(-1, seen.shape[-1]))
     some = _best(problem, Forest.concatenate([first, others]), _GO_ON, _FIRST_EPISODES, rng)
-    if not folds(problem) and climbers.waiting is None:
-        evolved = [member.tree for member in archive.members if member.tree.num_decision_nodes > 0]
-        some = Forest.concatenate([some, Forest.stack(evolved)]) if evolved else some
+    if climbers.waiting is None:
+        kept = [member.tree for member in archive.members if _can_climb(problem, member.tree)]
+        some = Forest.concatenate([some, Forest.stack(kept)]) if kept else some
     seeds = episode_seeds("training", _MORE_EPISODES, rng)
     fitness = _fitness(problem, some, seeds)
     tree, best = snapped(problem, some.tree(int(np.argmax(fitness)))), float(fitness.max())
     archive = offer(problem, archive, [Contender(tree, best, RACE)])
     return archive, replace(climbers, climber=_at(problem, tree, rng))
+
+
+def _can_climb(problem: Problem, tree: DecisionTree) -> bool:
+    if tree.num_decision_nodes == 0:
+        return False
+    return problem.mirror is None or not folds(problem) or half_of(tree, problem.mirror) is not None
 
 
 def _affordable(problem: Problem) -> int:

@@ -58,7 +58,7 @@ def propose_neighbours(
         generation: Number of the generation, whose training episodes judge neighbours.
     """
     settings, config = problem.config.archive, problem.config
-    features = _features(problem)
+    features = features_of(problem)
     # A grammar of leaves alone tests no feature, so its trees have no neighbours.
     if settings.neighbours == 0 or not archive.members or len(features) == 0:
         return []
@@ -113,7 +113,7 @@ def near(
     edited, seen = tree, observed
     if mirror is not None and half is not None:
         edited, seen = forest_of([half]).tree(0), fold_observations(half, observed, mirror)
-    hood, features = _hood(problem, edited, seen), _features(problem)
+    hood, features = _hood(problem, edited, seen), features_of(problem)
     drawn: list[Nodes] = []
     for _ in range(_TIMES_DRAWN * n):
         if len(drawn) == n:
@@ -207,7 +207,7 @@ def _distinct(problem: Problem, forest: Forest, other_than: DecisionTree) -> lis
     return list(found)
 
 
-def _features(problem: Problem) -> NDArray[np.int64]:
+def features_of(problem: Problem) -> NDArray[np.int64]:
     """Return the features that the grammar tests."""
     offers = problem.tables.grammar.split_offers
     return np.array(sorted({feature for offer in offers for feature in offer.linear.weights}), np.int64)

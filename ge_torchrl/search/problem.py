@@ -51,9 +51,15 @@ class Problem:
         """Whether kept trees are rounded at the end."""
         return self.has_sums and self.config.archive.enabled and self.config.starts.rounding_episodes > 0
 
+    @property
+    def imitates(self) -> bool:
+        """Whether trees of a grammar without sums imitate a rule of sums that is found first: where steps are dear."""
+        return not self.has_sums and not self.backend.spec.is_continuous and self.config.archive.races > 0
+
     def races_in(self, generation: int) -> bool:
         """Tell whether dense starts are raced."""
-        return self.has_sums and self.config.archive.enabled and 1 <= generation <= self.config.starts.races
+        races = self.config.starts.races if self.config.archive.enabled else 0
+        return (self.has_sums or self.imitates) and 1 <= generation <= races
 
     @property
     def refines(self) -> bool:

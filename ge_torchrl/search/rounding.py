@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.backend import LimitReachedError
+from ge_torchrl.environments.backend import LimitReachedError, within
 from ge_torchrl.refiners.local_search import spread_of
 from ge_torchrl.refiners.rounding import Rounding
 from ge_torchrl.search.archive import Contender, Member, digest, offer
@@ -52,13 +52,8 @@ def round_kept(problem: Problem, state: SearchState) -> SearchState:
             spread = spread_of(observed)
             if problem.mirror is not None:
                 spread = np.maximum(spread, spread[problem.mirror.feature])
-            limit = problem.backend.limit
-            if limit is not None:
-                problem.backend.limit = limit.part(_PART, problem.backend.steps.total())
-            try:
+            with within(problem.backend, _PART):
                 tree = Rounding(member.tree, problem.mirror, spread, seeds, returns).run()
-            finally:
-                problem.backend.limit = limit
             if tree != member.tree:
                 # Validation would choose among kept trees by differences too small to be worth their digits.
                 size = member.tree.num_decision_nodes

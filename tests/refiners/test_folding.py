@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from halves_for_tests import asks, halves
 from hypothesis import given
-from hypothesis import strategies as st
 from mirrors_for_tests import MIRRORS
 
 from ge_torchrl.refiners.folding import fold_observations, half_of, tied_leaves, whole_of
@@ -14,24 +14,9 @@ LANDER = MIRRORS["lander"]
 NONE, LEFT, MAIN, RIGHT = range(4)
 
 
-def asks(feature, threshold):
-    return Split((feature,), (1.0,), threshold)
-
-
 def is_unfolded(nodes):
     """Tell whether nothing tests a leg, of which one may hide what the other shows."""
     return all(not isinstance(node, Split) or node.feature[0] < 6 for node in nodes)
-
-
-@st.composite
-def halves(draw, n_splits=None, features=8):
-    n = draw(st.integers(0, 6)) if n_splits is None else n_splits
-    if n == 0:
-        return [draw(st.integers(0, 3))]
-    left = draw(st.integers(0, n - 1))
-    split = asks(draw(st.integers(0, features - 1)), draw(st.integers(-8, 8)) / 8)
-    children = [draw(halves(size, features)) for size in (left, n - 1 - left)]
-    return [split, *children[0], *children[1]]
 
 
 def tree_of(nodes):

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from halves_for_tests import halves
 from hypothesis import given
 from hypothesis import strategies as st
 from mirrors_for_tests import MIRRORS, NAMES, shapes_of
 
 from ge_torchrl.errors import ConfigError
+from ge_torchrl.refiners.folding import half_of, whole_of
 from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.refiners.ties import Ties, ties_of
+from ge_torchrl.trees.nodes import Split, forest_of
 from ge_torchrl.trees.tree import DecisionTree
 
 leaf, split = DecisionTree.leaf, DecisionTree.split
@@ -39,6 +42,25 @@ def test_whatever_its_free_numbers_it_stays_tied(name, seed):
     assert again is not None
     np.testing.assert_array_equal(again.sign, ties.sign)
     np.testing.assert_array_equal(again.free, ties.free)
+
+
+@given(halves())
+def test_a_folded_tree_is_tied_as_its_half_is_though_a_split_stands_twice_in_it(half):
+    whole = whole_of(half, LANDER)
+    if whole is None:
+        return
+    tree = forest_of([whole]).tree(0)
+    ties = ties_of(tree, LANDER)
+    assert ties is not None
+    n_splits = sum(isinstance(node, Split) for node in half_of(tree, LANDER))
+    assert len(ties.leading) <= n_splits
+    free = tree.parameters.astype(np.float64)[ties.leading]
+    np.testing.assert_array_equal(ties.parameters(free).astype(np.float32), tree.parameters)
+    # Away from 0 no test changes what kind it is.
+    moved = tree.with_parameters(ties.parameters(np.sign(free) * (np.abs(free) + 0.1)))
+    again = half_of(moved, LANDER)
+    assert again is not None
+    assert forest_of([whole_of(again, LANDER)]).tree(0) == moved
 
 
 @given(st.integers(0, 10**6))

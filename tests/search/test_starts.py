@@ -11,9 +11,9 @@ from fake_backend import FakeBackend
 from mirrors_for_tests import MIRRORS, shapes_of
 from problems_for_tests import Analytic, config_of, problem_of
 
-import ge_torchrl.search.starts as starts_module
 from ge_torchrl.environments.backend import Limit
 from ge_torchrl.refiners.ties import ties_of
+from ge_torchrl.search import heats
 from ge_torchrl.search.archive import START
 from ge_torchrl.search.population import first_population
 from ge_torchrl.search.problem import Problem
@@ -97,7 +97,7 @@ def test_a_limit_makes_races_shorter():
 @pytest.mark.parametrize("most", [3_000, 12_000])
 def test_of_a_race_that_a_limit_breaks_off_what_it_has_comes_back(monkeypatch, most):
     # A race that takes no notice of the limit runs into it.
-    monkeypatch.setattr(starts_module._Purse, "left", lambda _: 60_000)
+    monkeypatch.setattr(heats._Purse, "left", lambda _: 60_000)
     rng = np.random.default_rng(0)
     backend = FakeBackend(value, spread=(1.0,) * 4, luck=1.0)
     backend.limit = Limit(max_env_steps=most)
@@ -113,7 +113,7 @@ def test_a_race_that_is_slower_than_it_looked_still_comes_to_its_end(monkeypatch
     monkeypatch.setattr(time, "perf_counter", lambda: backend.steps.total() / 1000)
     backend.limit = Limit(deadline=30.0)
     ended = []
-    monkeypatch.setattr(starts_module, "_judged", lambda _, lanes, __: ended.append(len(lanes)) or lanes)
+    monkeypatch.setattr(heats, "_judged", lambda _, lanes, *__: ended.append(len(lanes)) or lanes)
     assert len(race(backend, shapes_of("cart", rng), MIRRORS["cart"], 6, 10**9, rng)) == 1
     assert ended == [6, 3, 2, 1, 1]
     assert 20_000 < backend.steps.total() < 33_000
