@@ -33,7 +33,7 @@ class StartsConfig(Section):
         at_least=1,
         because="a race is run by steps in the environment",
         doc="Environment steps of a race; null takes 3 million where steps are nearly free, and elsewhere so large a "
-        "part of what the run may take that all races together have 0.6 of it. Imitating takes as many again.",
+        "part of what the run may take that all races together have 0.6 of it. Imitating takes twice as many more.",
     )
     max_env_steps: int | None = setting(
         None,

@@ -2,7 +2,8 @@
 
 A rule of a few weighted sums is found sooner than an axis-aligned tree that is as good. So the tree is fitted to what
 the rule would do, in the states that trees fitted before came into; a state counts by how clear the rule's choice is
-there. What comes of it is seldom good, but near to what is: an evolution strategy then moves its thresholds.
+there. What comes of it is seldom good, but near to what is: an evolution strategy moves its thresholds. It is larger
+than it may be at first, and loses one split after another.
 
 Sources: S. Ross, G. Gordon and D. Bagnell, "A reduction of imitation learning and structured prediction to no-regret
 online learning", AISTATS 2011 (DAgger); O. Bastani, Y. Pu and A. Solar-Lezama, "Verifiable reinforcement learning via
@@ -11,6 +12,8 @@ policy extraction", NeurIPS 2018, for the weights.
 
 from __future__ import annotations
 
+import sys
+import time
 from contextlib import suppress
 from typing import Final
 
@@ -19,14 +22,12 @@ from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import LimitReachedError, within
 from ge_torchrl.refiners.folding import fold_at, whole_of
-from ge_torchrl.refiners.local_search import spread_of
 from ge_torchrl.refiners.mirror import Mirror
-from ge_torchrl.refiners.strategy import Strategy
-from ge_torchrl.refiners.ties import Ties, ties_of
 from ge_torchrl.search.heats import run_heats
 from ge_torchrl.search.neighbours import features_of, folds
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.refinement import snapped
+from ge_torchrl.search.shortening import moved, shortened, strategy_of
 from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.fitting import Examples, fit
 from ge_torchrl.trees.forest import Forest
@@ -37,15 +38,15 @@ from ge_torchrl.trees.tree import DecisionTree, FloatArray
 # Rounds of fitting; each brings so many states, of so many trees. A fit is to so many states at most.
 _ROUNDS: Final = 12
 _STATES, _EXPLORERS, _MOST_EXAMPLES = 4000, 3, 16_000
-# Parts of the largest size that fits have.
-_SIZES: Final = (1.0, 0.7)
-# The part of all steps that goes to fitting.
-_FITTING_SHARE: Final = 0.3
+# Trees are fitted so many times as large as they may be, and shortened, where there are so many steps for it.
+_LARGER, _STEPS_TO_SHORTEN = 2, 1_000_000
+# Parts of all steps: for fitting, for the heats, and for shortening; the thresholds of what is left have the rest.
+_FITTING, _HEATS, _SHORTENING = 0.2, 0.35, 0.3
 # Episodes of each tree in its round, and of the best of all rounds.
-_EPISODES, _JUDGED, _JUDGED_ON = 10, 16, 30
+_EPISODES, _JUDGED, _JUDGED_ON = 10, 16, 40
+# So many of these go into the heats, their first moves so large in units of how far features spread.
+_STARTS, _FIRST_STEP = 6, 0.15
 _TINY: Final = 1e-12
-# So many of these go into the heats, their first moves so large in units of how far features spread over such states.
-_STARTS, _FIRST_STEP, _SPREAD_OVER = 8, 0.2, 1000
 
 
 def imitations(
@@ -62,32 +63,37 @@ def imitations(
         purpose: What the backend counts them under.
         rng: Of all randomness.
     """
-    backend = problem.backend
-    first = backend.steps.total()
-    with within(backend, _FITTING_SHARE):
-        fitted = _fitted(problem, rule, int(_FITTING_SHARE * timesteps), purpose, rng)
-    found = fitted[:1]
+    backend, largest = problem.backend, problem.config.archive.max_nodes
+    first, found = backend.steps.total(), []
+    timesteps = min(timesteps, _left(problem))
+    with within(backend, _FITTING):
+        fitted = _fitted(problem, rule, timesteps, purpose, rng)
     with suppress(LimitReachedError):
-        starts = zip(fitted[:_STARTS], rng.spawn(_STARTS), strict=False)
-        strategies = [_strategy(problem, tree, purpose, stream) for tree, stream in starts]
+        # What is left where all else is broken off.
+        found = [tree for tree in fitted if tree.num_decision_nodes <= largest][:1]
+        best = fitted[:_STARTS]
+        strategies = [
+            strategy_of(problem, tree, _FIRST_STEP, purpose, stream)
+            for tree, stream in zip(best, rng.spawn(len(best)), strict=True)
+        ]
         if strategies:
+            with within(backend, _HEATS / (1 - _FITTING)):
+                tree, *_ = run_heats(backend, strategies, int(_HEATS * timesteps), purpose, rng) or best
+            tree = shortened(problem, tree, largest, int(_SHORTENING * timesteps), purpose, rng)
+            found = [tree]
             left = timesteps - (backend.steps.total() - first)
-            found = run_heats(backend, strategies, left, purpose, rng) or found
+            found = [moved(problem, tree, left, _FIRST_STEP, purpose, rng)]
     return [snapped(problem, tree) for tree in found]
 
 
-def _strategy(problem: Problem, tree: DecisionTree, purpose: str, rng: np.random.Generator) -> Strategy:
-    (observed,) = problem.backend.observe([tree], _SPREAD_OVER, [rng], purpose)
-    ties = None if problem.mirror is None else ties_of(tree, problem.mirror)
-    return Strategy(
-        problem.backend,
-        tree,
-        Ties.none(len(tree.parameters)) if ties is None else ties,
-        tree.parameter_units(spread_of(observed)),
-        _FIRST_STEP,
-        purpose,
-        rng,
-    )
+def _left(problem: Problem) -> int:
+    """Return about how many environment steps the backend's limit leaves; of seconds as at the speed of before."""
+    limit, speed = problem.backend.limit, problem.config.evaluation.steps_per_second or 0.0
+    if limit is None:
+        return sys.maxsize
+    most = sys.maxsize if limit.max_env_steps is None else limit.max_env_steps - problem.backend.steps.total()
+    seconds = limit.deadline - time.perf_counter()
+    return max(1, min(most, int(min(seconds * speed, sys.maxsize))))
 
 
 def _fitted(
@@ -95,15 +101,17 @@ def _fitted(
 ) -> list[DecisionTree]:
     """Return the best trees of all rounds, the best first."""
     backend, first = problem.backend, problem.backend.steps.total()
-    n_states = max(1, min(_STATES, timesteps // _ROUNDS))
+    most = int(_FITTING * timesteps)
+    n_states = max(1, min(_STATES, most // _ROUNDS))
+    size = problem.config.archive.max_nodes * (_LARGER if timesteps >= _STEPS_TO_SHORTEN else 1)
     tried: list[tuple[float, DecisionTree]] = []
     with suppress(LimitReachedError):
         (seen,) = backend.observe([rule], n_states, rng.spawn(1), purpose)
         for number in range(_ROUNDS):
-            trees = _fits(problem, rule, seen, rng, weighted=number % 2 == 0)
+            trees = _fits(problem, rule, seen, size, rng, weighted=number % 2 == 0)
             returns = _returns(problem, trees, _EPISODES, purpose, rng)
             tried += zip(returns.tolist(), trees, strict=True)
-            if backend.steps.total() - first > timesteps:
+            if backend.steps.total() - first > most:
                 break
             explorers = [trees[i] for i in np.argsort(-returns, kind="stable")[:_EXPLORERS]]
             more = backend.observe(
@@ -120,22 +128,27 @@ def _fitted(
 
 
 def _fits(
-    problem: Problem, rule: DecisionTree, seen: FloatArray, rng: np.random.Generator, *, weighted: bool
+    problem: Problem,
+    rule: DecisionTree,
+    seen: FloatArray,
+    size: int,
+    rng: np.random.Generator,
+    *,
+    weighted: bool,
 ) -> list[DecisionTree]:
-    """Return trees of several sizes, fitted to what the rule does; in a mirror folded at each feature that can be."""
+    """Return trees of a size that are fitted to what the rule does; in a mirror one is folded at each feature."""
     if len(seen) > _MOST_EXAMPLES:
         seen = seen[rng.choice(len(seen), _MOST_EXAMPLES, replace=False)]
     weights = clearness(rule, seen) if weighted else np.ones(len(seen))
     examples = Examples(seen, rule.decide(seen).astype(np.int64), weights)
     features, mirror = features_of(problem).tolist(), problem.mirror
-    sizes = [max(1, round(part * problem.config.archive.max_nodes)) for part in _SIZES]
     fitted: list[Nodes] = []
     if mirror is not None and folds(problem):
         for feature in filter(mirror.changes_sign, features):
             folded = _folded(examples, feature, mirror)
-            halves = (fold_at(feature, fit(folded, features, (size - 1) // 2), mirror) for size in sizes)
-            fitted += [whole for half in halves if (whole := whole_of(half, mirror)) is not None]
-    fitted = fitted or [fit(examples, features, size) for size in sizes]
+            whole = whole_of(fold_at(feature, fit(folded, features, (size - 1) // 2), mirror), mirror)
+            fitted += [] if whole is None else [whole]
+    fitted = fitted or [fit(examples, features, size)]
     return simplify(forest_of(fitted), *problem.backend.bounds).trees()
 
 

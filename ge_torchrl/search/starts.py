@@ -39,8 +39,8 @@ STARTS = "dense starts"
 _FIRST_STEP: Final = 0.5
 # All races together may take this part of what a limit leaves to the search.
 _RACES_SHARE: Final = 0.6
-# And a rule that is only imitated this part of a race's.
-_RULE_SHARE: Final = 0.5
+# Imitating a rule takes so many times the steps of finding it: into which tree decides more than which rule it is.
+_IMITATING: Final = 2
 # Trees that show how far features spread, and steps of each.
 _PROBING_TREES, _PROBING_STEPS = 16, 250
 
@@ -96,9 +96,9 @@ def _raced(problem: Problem, shapes: Shapes, rng: np.random.Generator) -> list[D
     )
     if not problem.imitates:
         return race(backend, shapes, problem.mirror, starts.count, timesteps, rng)
-    with within(backend, _RULE_SHARE):
+    with within(backend, 1 / (1 + _IMITATING)):
         rules = race(backend, shapes, problem.mirror, starts.count, timesteps, rng)
-    return imitations(problem, rules[0], timesteps, STARTS, rng) if rules else []
+    return imitations(problem, rules[0], _IMITATING * timesteps, STARTS, rng) if rules else []
 
 
 def _spread(problem: Problem, population: Population, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -76,6 +76,15 @@ def end_of(nodes: Nodes, node: int) -> int:
         open_subtrees += 1 if isinstance(nodes[node], Split) else -1
         node += 1
     return node
+
+
+def without_one_split(nodes: Nodes) -> Iterator[Nodes]:
+    """Yield what is left of a tree when a split gives its place to one of its children: two trees for each split."""
+    for place, node in enumerate(nodes):
+        if isinstance(node, Split):
+            middle, end = end_of(nodes, place + 1), end_of(nodes, place)
+            yield nodes[:place] + nodes[place + 1 : middle] + nodes[end:]
+            yield nodes[:place] + nodes[middle:end] + nodes[end:]
 
 
 def forest_of(trees: Sequence[Nodes]) -> Forest:
