@@ -27,6 +27,9 @@ FEWEST_EPISODES: Final = 3
 # Points are told apart where the median F of so many rounds is as large as this.
 _ROUNDS: Final = 4
 _TOLD_APART: Final = 2.0
+# Of more numbers than these each has a step of its own, and no two are moved together: a covariance of thousands would
+# take longer than the episodes.
+_MOST_TOGETHER: Final = 200
 _LARGEST: Final = float(np.finfo(np.float32).max)
 
 
@@ -86,6 +89,7 @@ class Strategy:
                 "popsize": _POINTS,
                 # Its numbers come from our stream, and NumPy's global one stays as it was.
                 "seed": np.nan,
+                "CMA_diagonal": len(numbers) > _MOST_TOGETHER,
                 "randn": lambda *shape: rng.standard_normal(shape),
                 "verbose": -9,
                 "verb_log": 0,

@@ -35,9 +35,10 @@ from ge_torchrl.trees.nodes import Nodes, forest_of
 from ge_torchrl.trees.simplify import simplify
 from ge_torchrl.trees.tree import DecisionTree, FloatArray
 
-# Rounds of fitting; each brings so many states, of so many trees. A fit is to so many states at most.
+# Rounds of fitting; each brings so many states, of so many trees. A fit is to so many states at most, and to fewer of
+# many features.
 _ROUNDS: Final = 12
-_STATES, _EXPLORERS, _MOST_EXAMPLES = 4000, 3, 16_000
+_STATES, _EXPLORERS, _MOST_EXAMPLES, _MOST_NUMBERS = 4000, 3, 16_000, 1_000_000
 # Trees are fitted so many times as large as they may be, and shortened, where there are so many steps for it.
 _LARGER, _STEPS_TO_SHORTEN = 2, 1_000_000
 # Parts of all steps: for fitting, for the heats, and for shortening; the thresholds of what is left have the rest.
@@ -137,8 +138,9 @@ def _fits(
     weighted: bool,
 ) -> list[DecisionTree]:
     """Return trees of a size that are fitted to what the rule does; in a mirror one is folded at each feature."""
-    if len(seen) > _MOST_EXAMPLES:
-        seen = seen[rng.choice(len(seen), _MOST_EXAMPLES, replace=False)]
+    most = min(_MOST_EXAMPLES, _MOST_NUMBERS // seen.shape[1])
+    if len(seen) > most:
+        seen = seen[rng.choice(len(seen), most, replace=False)]
     weights = clearness(rule, seen) if weighted else np.ones(len(seen))
     examples = Examples(seen, rule.decide(seen).astype(np.int64), weights)
     features, mirror = features_of(problem).tolist(), problem.mirror

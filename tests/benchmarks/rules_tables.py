@@ -37,7 +37,7 @@ class Row(NamedTuple):
     published: str
 
 
-# Small rules: what the median of ten seeds is to reach, and what agents of the stable-baselines3 zoo return as its page says.
+# What the median of ten seeds is to reach, and what agents of the stable-baselines3 zoo return, as its page says.
 RULES = (
     Row("pendulum", "linear laws", -150.0, 2, 10_000, "PPO -172.2, TD3 -151.9"),
     Row("mountaincar_continuous", "linear laws", 98.5, 2, 10_000, "PPO 88.3, ARS 96.7"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from fake_backend import FakeBackend
@@ -118,3 +120,20 @@ def test_equal_trees_are_told_apart_by_chance_alone_and_unequal_ones_clearly():
     assert told_apart(np.arange(12)[:, np.newaxis] + luck + 0.1 * rng.normal(size=(12, 6))) > 100
     assert told_apart(np.zeros((12, 6))) == 0
     assert told_apart(np.arange(12.0)[:, np.newaxis] + np.zeros((1, 6))) == np.inf
+
+
+def test_of_many_numbers_each_moves_by_itself_which_takes_no_longer_than_the_episodes():
+    n = 1000
+    tree = weighted(range(n), np.ones(n), 0.0, leaf(0), leaf(1))
+    goal = np.random.default_rng(0).normal(size=len(tree.parameters))
+
+    def near(tree):
+        return -float(np.square(tree.parameters - goal).mean())
+
+    backend, rng = FakeBackend(near, luck=0.01), np.random.default_rng(0)
+    search = Strategy(backend, tree, Ties.none(len(goal)), np.ones(len(goal)), 0.3, "starts", rng)
+    before, started = near(tree), time.process_time()
+    search.advance(60_000)
+    assert near(search.tree) > before + 0.05
+    # A covariance of all numbers would take a minute.
+    assert time.process_time() - started < 20
