@@ -37,8 +37,8 @@ from ge_torchrl.trees.tree import DecisionTree, FloatArray
 
 # Rounds of fitting; each brings so many states, of so many trees. A fit is to so many states at most, and to fewer of
 # many features.
-_ROUNDS: Final = 12
-_STATES, _EXPLORERS, _MOST_EXAMPLES, _MOST_NUMBERS = 4000, 3, 16_000, 1_000_000
+_ROUNDS: Final = 30
+_STATES, _EXPLORERS, _MOST_EXAMPLES, _MOST_NUMBERS = 1500, 3, 16_000, 1_000_000
 # Trees are fitted so many times as large as they may be, and shortened, where there are so many steps for it.
 _LARGER, _STEPS_TO_SHORTEN = 2, 1_000_000
 # Parts of all steps: for fitting, for the heats, and for shortening; the thresholds of what is left have the rest.
