@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import LimitReachedError, within
+from ge_torchrl.ge.encoding import can_derive
 from ge_torchrl.refiners.folding import fold_at, whole_of
 from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.search.heats import run_heats
@@ -55,7 +56,7 @@ def imitations(
 ) -> list[DecisionTree]:
     """Return trees of the grammar that imitate a rule, their thresholds moved where they return most, the best first.
 
-    Where the backend's limit breaks it off, what there is comes back.
+    Where the backend's limit breaks it off, what there is comes back. What the grammar does not say is left out.
 
     Args:
         problem: What is searched; its grammar has actions, and splits of one feature.
@@ -84,7 +85,8 @@ def imitations(
             found = [tree]
             left = timesteps - (backend.steps.total() - first)
             found = [moved(problem, tree, left, _FIRST_STEP, purpose, rng)]
-    return [snapped(problem, tree) for tree in found]
+    said = (snapped(problem, tree) for tree in found)
+    return [tree for tree in said if can_derive(tree, problem.tables)]
 
 
 def _left(problem: Problem) -> int:

@@ -41,9 +41,9 @@ def value(tree):
     return 100 * float((tree.decide(STATES) == RULE.decide(STATES)).mean())
 
 
-def problem(mirrored=True, races=2, **starts):
+def problem(mirrored=True, races=2, bnf=BNF, **starts):
     config = config_of(
-        grammar={"name": "all", "bnf": BNF}, archive={"keep": 3, "max_nodes": 7, "races": races}
+        grammar={"name": "all", "bnf": bnf}, archive={"keep": 3, "max_nodes": 7, "races": races}
     )
     config = replace(
         config, starts=replace(config.starts, **{"races": 1, "count": 4, "max_timesteps": 60_000, **starts})
@@ -72,6 +72,14 @@ def test_in_a_mirror_it_is_its_own_image_and_the_grammar_says_it(seed):
     for tree in imitated(of, seed=seed):
         assert half_of(tree, CART) is not None
         assert can_derive(tree, of.tables)
+
+
+def test_where_the_grammar_says_nothing_like_it_nothing_comes_of_it():
+    one_split = BNF.replace("left | right | <if>", "left | right").replace(
+        "x | x_dot | theta | theta_dot", "theta"
+    )
+    of = problem(bnf=one_split)
+    assert all(can_derive(tree, of.tables) for tree in imitated(of, 20_000))
 
 
 def test_the_same_randomness_gives_the_same_trees():
