@@ -1,5 +1,6 @@
 """Small well-behaved Gymnasium environments that do one thing."""
 
+import itertools
 import os
 import time
 from pathlib import Path
@@ -232,11 +233,18 @@ class DoubledReward(gym.Wrapper):
 
 
 def register(kind, **arguments):
-    """Register a class of environments under a name of its own, once; return its id."""
-    environment_id = f"Test{kind.__name__}-v0"
-    if environment_id not in gym.registry:
-        gym.register(environment_id, entry_point=kind, **arguments)
-    return environment_id
+    """Register a class of environments under a name of its own, once; return its id.
+
+    Another class of the same name gets another id: what is known of one holds for one.
+    """
+    for number in itertools.count(1):
+        environment_id = f"Test{kind.__name__}{number if number > 1 else ''}-v0"
+        known = gym.registry.get(environment_id)
+        if known is None:
+            gym.register(environment_id, entry_point=kind, **arguments)
+        if known is None or known.entry_point is kind:
+            return environment_id
+    raise AssertionError("numbers do not end")
 
 
 def register_plugin():
