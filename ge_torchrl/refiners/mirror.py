@@ -40,36 +40,27 @@ class Mirror:
     action_sign: NDArray[np.float64]
 
     @classmethod
-    def declared(cls, symmetry: Mapping[str, Any], names: Names) -> Mirror:
-        """Return the mirror that a setting declares.
+    def declared(cls, symmetry: Mapping[str, Any], names: Names, key: str = "env.symmetry") -> Mirror:
+        """Return the mirror that a setting, or a plant, declares.
 
         Args:
             symmetry: `negate`: names of features; `swap`: pairs of them; `actions`: pairs of actions, or of entries
                 of a Box action, that are each other's image; `negate_actions`: entries of a Box action.
             names: Of the environment.
+            key: What the user calls the declaration.
 
         Raises:
-            ConfigError: A key or a name is unknown, or an entry stands in two places.
+            ConfigError: A key or a name is unknown, a value is of another form, or an entry stands in two places.
         """
         unknown = set(symmetry) - set(_KEYS)
         if unknown:
             raise ConfigError(
-                f"env.symmetry has the keys {', '.join(_KEYS)}; {', '.join(sorted(unknown))} is not one of them"
+                f"{key} has the keys {', '.join(_KEYS)}; {', '.join(sorted(unknown))} is not one of them"
             )
-        feature, sign = _involution(
-            names.features, symmetry.get("swap", ()), symmetry.get("negate", ()), "env.symmetry.swap"
-        )
-        pairs = symmetry.get("actions", {})
-        action, action_sign = _involution(
-            names.actions,
-            list(pairs.items()) if isinstance(pairs, Mapping) else pairs,
-            symmetry.get("negate_actions", ()),
-            "env.symmetry.actions",
-        )
+        feature, sign = _involution(names.features, symmetry, key, "swap", "negate")
+        action, action_sign = _involution(names.actions, symmetry, key, "actions", "negate_actions")
         if not names.action_bounds and (action_sign < 0).any():
-            raise ConfigError(
-                "env.symmetry.negate_actions is for continuous actions; type env.symmetry.actions instead"
-            )
+            raise ConfigError(f"{key}.negate_actions is for continuous actions; type {key}.actions instead")
         return cls(feature, sign, action, action_sign)
 
     def changes_sign(self, feature: int) -> bool:
@@ -113,28 +104,58 @@ class Mirror:
 
 
 def _involution(
-    names: Sequence[str], swapped: Any, negated: Any, key: str
+    names: Sequence[str], symmetry: Mapping[str, Any], key: str, swap: str, negate: str
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return which entry each entry is in the mirror, and with which sign."""
     place = {name: number for number, name in enumerate(names)}
     entry, sign = np.arange(len(names)), np.ones(len(names))
     seen: set[str] = set()
-    for pair in swapped:
-        if len(pair) != 2 or isinstance(pair, str):
-            raise ConfigError(f"{key} takes pairs of names; {pair!r} is none")
-        one, other = (_known(name, place, key) for name in pair)
+    for pair in _pairs(symmetry, key, swap, names):
+        one, other = (_known(name, place, f"{key}.{swap}") for name in pair)
         if seen & set(pair) or one == other:
-            raise ConfigError(f"{key} names an entry once; {' and '.join(pair)} are named again")
+            raise ConfigError(f"{key}.{swap} names an entry once; {' and '.join(pair)} are named again")
         seen.update(pair)
         entry[one], entry[other] = other, one
+    negated = symmetry.get(negate, ())
+    if not _is_list(negated):
+        example = negated if isinstance(negated, str) and negated in place else names[0]
+        raise ConfigError(
+            f"{key}.{negate} must be a list of names, such as {negate}: [{example}]; got {_typed(negated)}"
+        )
     for name in negated:
-        sign[_known(name, place, key)] = -1.0
+        sign[_known(name, place, f"{key}.{negate}")] = -1.0
     if not (sign[entry] == sign).all():
-        raise ConfigError(f"{key}: of two that change places both or none change their sign")
+        raise ConfigError(
+            f"{key}.{negate}: of two that change places by {key}.{swap} both or none change their sign"
+        )
     return entry, sign
 
 
+def _pairs(symmetry: Mapping[str, Any], key: str, swap: str, names: Sequence[str]) -> list[Sequence[Any]]:
+    """Return the pairs that change places; of actions they may be keys with values."""
+    given = symmetry.get(swap, ())
+    is_mapping = isinstance(given, Mapping)
+    if is_mapping and swap == "actions":
+        return list(given.items())
+    if not _is_list(given) or not all(_is_list(pair) and len(pair) == 2 for pair in given):
+        typed = [name for pair in given.items() for name in pair] if is_mapping else given
+        is_pair = _is_list(typed) and len(typed) == 2 and all(name in names for name in typed)
+        one, other = typed if is_pair else (names[0], names[-1])
+        raise ConfigError(
+            f"{key}.{swap} takes pairs of names, such as {swap}: [[{one}, {other}]]; got {_typed(given)}"
+        )
+    return list(given)
+
+
+def _is_list(given: Any) -> bool:
+    return isinstance(given, Sequence) and not isinstance(given, str)
+
+
+def _typed(given: Any) -> str:
+    return "null" if given is None else repr(given)
+
+
 def _known(name: Any, place: Mapping[str, int], key: str) -> int:
-    if name not in place:
+    if not isinstance(name, str) or name not in place:
         raise ConfigError(f"{key}: {name!r} is none of the names {', '.join(place)}")
     return place[name]

@@ -133,6 +133,27 @@ def test_without_ties_all_numbers_are_free():
         ({"swap": [["left_leg", "left_leg"]]}, "names an entry once"),
         ({"swap": [["left_leg", "right_leg"], ["x", "left_leg"]]}, "names an entry once"),
         ({"swap": ["xy"]}, "takes pairs of names"),
+        ({"swap": [["x", ["y"]]]}, r"env\.symmetry\.swap: \['y'\] is none of the names"),
+        (
+            {"swap": {"x": "y"}},
+            r"env\.symmetry\.swap takes pairs of names, such as swap: \[\[x, y\]\]; got {'x'",
+        ),
+        (
+            {"swap": ["x", "y"]},
+            r"env\.symmetry\.swap takes pairs of names, such as swap: \[\[x, y\]\]; got \['x'",
+        ),
+        ({"swap": 3}, r"env\.symmetry\.swap takes pairs of names, such as swap: \[\[x, \w+\]\]; got 3"),
+        ({"swap": None}, r"env\.symmetry\.swap takes pairs of names, .*; got null"),
+        ({"negate": 3}, r"env\.symmetry\.negate must be a list of names, such as negate: \[x\]; got 3"),
+        ({"negate": None}, r"env\.symmetry\.negate must be a list of names, .*; got null"),
+        ({"negate": "xy"}, r"env\.symmetry\.negate must be a list of names, .*; got 'xy'"),
+        ({"negate": "y"}, r"env\.symmetry\.negate must be a list of names, such as negate: \[y\]; got 'y'"),
+        ({"negate": [["x"]]}, r"env\.symmetry\.negate: \['x'\] is none of the names"),
+        ({"negate": ["psi"]}, r"env\.symmetry\.negate: 'psi' is none of the names"),
+        ({"actions": 3}, r"env\.symmetry\.actions takes pairs of names, such as actions: "),
+        ({"actions": {"left": 3}}, r"env\.symmetry\.actions: 3 is none of the names"),
+        ({"negate_actions": "left"}, r"env\.symmetry\.negate_actions must be a list of names"),
+        ({"negate_actions": ["up"]}, r"env\.symmetry\.negate_actions: 'up' is none of the names"),
         ({"swap": [["left_leg", "right_leg"]], "negate": ["left_leg"]}, "both or none change their sign"),
         ({"actions": {"left": "up"}}, "'up' is none of the names"),
         ({"negate_actions": ["left"]}, "env.symmetry.negate_actions is for continuous actions"),
@@ -141,3 +162,8 @@ def test_without_ties_all_numbers_are_free():
 def test_a_mirror_that_there_cannot_be_is_refused(symmetry, message):
     with pytest.raises(ConfigError, match=message):
         Mirror.declared(symmetry, NAMES["lander"])
+
+
+def test_a_plant_is_told_by_its_own_key():
+    with pytest.raises(ConfigError, match=r"^mine\.py:Mine\.symmetry\.negate: 'z' is none of the names"):
+        Mirror.declared({"negate": ["z"]}, NAMES["lander"], "mine.py:Mine.symmetry")
