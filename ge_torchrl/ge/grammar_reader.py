@@ -61,11 +61,12 @@ def read_rules(
     Raises:
         GrammarError: The text is not of the notation, or a name cannot be a word of it.
     """
-    words = _vocabulary(features, () if continuous else actions)
+    words = vocabulary(features, () if continuous else actions)
     return _Reader(text, words, tuple(actions) if continuous else ()).rules()
 
 
-def _vocabulary(features: Sequence[str], actions: Sequence[str]) -> _Words:
+def vocabulary(features: Sequence[str], actions: Sequence[str]) -> _Words:
+    """Return the words that names are in a text; refuse what cannot be one, or comes twice (`GrammarError`)."""
     words: dict[str, tuple[type[Feature | Action], int]] = {}
     for kind, names in ((Feature, features), (Action, actions)):
         for index, name in enumerate(names):

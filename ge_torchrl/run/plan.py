@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
-from ge_torchrl.config import Config
+from ge_torchrl.config import Config, EnvironmentConfig
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.kernel_choice import has_kernel
 from ge_torchrl.environments.mirroring import check_mirror, refuse_what_is_refuted
+from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.probing import obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings, symmetry_of
+from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.generating import choose_grammar
+from ge_torchrl.ge.grammar_reader import vocabulary
 from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
 from ge_torchrl.refiners.mirror import Mirror
 
@@ -48,6 +53,7 @@ def plan(config: Config) -> Plan:
         ConfigError: A mirror is declared that there cannot be, or that the environment does not have.
     """
     spec = describe_settings(config.env)
+    check_names(spec, config.env)
     if config.env.route == "kernel":
         open_backend(spec, config.env.route, threads=1).close()
     notes = [] if has_kernel(spec) or obeys_seeds(spec) else [ignores_seeds(spec)]
@@ -67,13 +73,42 @@ def plan(config: Config) -> Plan:
     )
     if chosen.is_generated:
         config = replace(config, grammar=replace(config.grammar, bnf=chosen.text, name=_GENERATED))
-    symmetry = symmetry_of(config.env)
+    symmetry, mirror = declared_mirror(config.env, spec)
     if symmetry != config.env.symmetry:
         config = replace(config, env=replace(config.env, symmetry=symmetry))
-    mirror = Mirror.declared(symmetry, spec.names) if symmetry else None
     if mirror is not None:
         refuse_what_is_refuted(check_mirror(spec, symmetry, mirror))
     return Plan(config, spec, compile_rules(chosen.grammar), tuple(notes), mirror)
+
+
+def check_names(spec: EnvironmentSpec, env: EnvironmentConfig) -> None:
+    """Refuse names that cannot stand in a grammar.
+
+    Raises:
+        GrammarError: There is one; the message says where it comes from.
+    """
+    names = {"features": spec.names.features, "actions": () if spec.is_continuous else spec.names.actions}
+    for key, given in names.items():
+        try:
+            vocabulary(given, ())
+        except GrammarError as error:
+            is_of_plant = names_plant(spec.id) and not getattr(env, key)
+            raise GrammarError(f"{spec.id if is_of_plant else 'env'}.{key}: {error}") from error
+    try:
+        vocabulary(*names.values())
+    except GrammarError as error:
+        raise GrammarError(f"{spec.id}: {error}") from error
+
+
+def declared_mirror(env: EnvironmentConfig, spec: EnvironmentSpec) -> tuple[Mapping[str, Any], Mirror | None]:
+    """Return what is declared of a mirror, by the settings or else by a plant, and the mirror that it makes.
+
+    Raises:
+        ConfigError: There cannot be such a mirror.
+    """
+    symmetry = symmetry_of(env)
+    key = "env.symmetry" if env.symmetry else f"{spec.id}.symmetry"
+    return symmetry, Mirror.declared(symmetry, spec.names, key) if symmetry else None
 
 
 def ignores_seeds(spec: EnvironmentSpec) -> str:

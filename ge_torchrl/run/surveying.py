@@ -14,9 +14,9 @@ from ge_torchrl.environments.kernel_choice import has_kernel
 from ge_torchrl.environments.mirroring import Verdict, check_mirror
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
-from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings, symmetry_of
-from ge_torchrl.refiners.mirror import Mirror
+from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
 from ge_torchrl.report.tables import counted
+from ge_torchrl.run.plan import check_names, declared_mirror
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +109,12 @@ def survey(config: Config) -> Survey:
 
     Raises:
         EnvironmentFaultError: It is unknown, unsuitable or at fault.
+        GrammarError: A name cannot stand in a grammar.
         ConfigError: A mirror is declared that there cannot be.
     """
     spec = describe_settings(config.env)
+    check_names(spec, config.env)
+    symmetry, mirror = declared_mirror(config.env, spec)
     seen, seeds = probe(spec), obeys_seeds(spec)
     speeds = {}
     with closing(GymnasiumBackend(spec, workers=1)) as gymnasium:
@@ -122,6 +125,5 @@ def survey(config: Config) -> Survey:
     if agrees:
         with closing(KernelBackend(spec, config.evaluation.threads)) as kernel:
             speeds["kernel"] = kernel.steps_per_second
-    symmetry = symmetry_of(config.env)
-    mirror = check_mirror(spec, symmetry, Mirror.declared(symmetry, spec.names)) if symmetry else None
-    return Survey(spec, seen, seeds, agrees, mirror, speeds)
+    verdict = None if mirror is None else check_mirror(spec, symmetry, mirror)
+    return Survey(spec, seen, seeds, agrees, verdict, speeds)

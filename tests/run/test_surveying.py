@@ -6,7 +6,7 @@ from environments_for_tests import BreakoutEnv, EndlessEnv, UnseededEnv, registe
 from problems_for_tests import config_of
 
 from ge_torchrl.config import Config
-from ge_torchrl.errors import ArtefactError
+from ge_torchrl.errors import ArtefactError, GrammarError
 from ge_torchrl.run.plan import plan
 from ge_torchrl.run.starting_file import starting_name, write_starting_file
 from ge_torchrl.run.surveying import survey
@@ -65,6 +65,31 @@ def test_one_number_is_one():
 def test_a_survey_tells_of_a_declared_mirror(negated, said):
     text = survey(bare("CartPole-v1", symmetry={"negate": negated, "actions": {"a0": "a1"}})).as_text()
     assert any(line.startswith(said) for line in text.splitlines())
+
+
+@pytest.mark.parametrize("look", [survey, plan])
+@pytest.mark.parametrize(
+    ("features", "actions", "told"),
+    [
+        (("θ", "v"), ("l", "r"), "mine.py:Mine.features: a name stands in the grammar's text, .*; got 'θ'"),
+        (("x", "v"), ("go left", "r"), "mine.py:Mine.actions: a name stands in .*; got 'go left'"),
+        (("x", "v"), ("x", "r"), "mine.py:Mine: names of features and actions must differ .*'x' comes twice"),
+    ],
+)
+def test_names_that_no_grammar_can_have_are_told_by_check_and_run(
+    tmp_path, monkeypatch, look, features, actions, told
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        f"class Mine:\n    features, actions = {features}, {actions}\n"
+        "    start, max_episode_steps = [(-1, 1), 0.0], 9\n"
+        "    def step(state, action):\n        return state, 1.0, False\n"
+    )
+    with pytest.raises(GrammarError, match=rf"^{told}$"):
+        look(bare("mine.py:Mine"))
+    given = {"features": ("x y", "v"), "actions": ("l", "r")}
+    with pytest.raises(GrammarError, match=r"^env\.features: a name stands in .*; got 'x y'$"):
+        look(bare("mine.py:Mine", **given))
 
 
 def test_a_survey_tells_arguments_and_wrappers():
