@@ -12,8 +12,8 @@ from ge_torchrl.environments.backend import Limit
 
 # A phase after the search may take this part of the allowance at most.
 _LARGEST_SHARE = 0.1
-# Rounding asks of each term and each digit whether it is needed.
-_ROUNDING_SHARE = 0.2
+# Rounding asks of each term and each digit whether it is needed; the last refinement leaves it so much.
+_ROUNDING_SHARE = 0.1
 # The speed was measured on other trees: a phase gets so many times the seconds that it seems to need.
 _SECONDS_TO_SPARE = 3
 
@@ -23,6 +23,7 @@ class Phase(Enum):
 
     SEARCH = "search"
     FINAL_REFINEMENT = "final refinement"
+    ROUNDING = "rounding"
     VALIDATION = "validation"
     TEST = "test"
 
@@ -68,10 +69,12 @@ class Allowance:
         n_sizes = archive.max_nodes + 1 if archive.enabled else 0
         test = share(n_sizes + 2, evaluation.test_episodes)
         validation = share(n_sizes * archive.keep + 2, evaluation.validation_episodes)
-        final = _ROUNDING_SHARE if rounds else _LARGEST_SHARE if archive.final_keep > 0 else 0.0
+        rounding = _ROUNDING_SHARE if rounds else 0.0
+        final = _LARGEST_SHARE if archive.final_keep > 0 or rounds else 0.0
         ends = {
-            Phase.SEARCH: 1 - test - validation - final,
-            Phase.FINAL_REFINEMENT: 1 - test - validation,
+            Phase.SEARCH: 1 - test - validation - rounding - final,
+            Phase.FINAL_REFINEMENT: 1 - test - validation - rounding,
+            Phase.ROUNDING: 1 - test - validation,
             Phase.VALIDATION: 1 - test,
             Phase.TEST: 1.0,
         }

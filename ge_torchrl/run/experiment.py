@@ -50,7 +50,6 @@ from ge_torchrl.trees.controller import Controller
 
 _logger = logging.getLogger(__name__)
 
-_LIMITS = ("max_seconds", "max_env_steps")
 _TESTING = "Testing what was found; Ctrl-C again leaves it untested in the run folder."
 
 
@@ -164,7 +163,7 @@ class _Run:
                 f"ge.{limit.reason} must leave room for a first tree, which needs more"
             ) from limit
         state = self._last_state()
-        if stopped_by in _LIMITS:
+        if stopped_by in ("max_seconds", "max_env_steps"):
             self._tell_of_limit(state, stopped_by)
         contenders = contenders_of(self.problem, state)
         if not contenders:
@@ -174,26 +173,29 @@ class _Run:
             )
         if stopped_by == "interrupt":
             self.progress.say(_TESTING)
-        elif self.config.archive.final_keep > 0 and self.problem.refines:
-            self.progress.say("Refining the best trees of each size once more ...")
-            self.backend.limit = self.allowance.until(Phase.FINAL_REFINEMENT)
-            try:
-                self.search.state = state = refine_once_more(self.problem, state)
-            except KeyboardInterrupt:
-                self.progress.say(_TESTING)
-        if stopped_by != "interrupt" and self.problem.rounds:
-            self.progress.say("Rounding the best trees to few terms and few digits ...")
-            self.backend.limit = self.allowance.until(Phase.FINAL_REFINEMENT)
-            try:
-                self.search.state = state = round_kept(self.problem, state)
-            except KeyboardInterrupt:
-                self.progress.say(_TESTING)
+        else:
+            state = self._finished(state)
         evolve_seconds = time.perf_counter() - self.started
         self.progress.say("Validation and test ...")
         self.backend.limit = self.allowance.until(Phase.VALIDATION)
         champion, by_size = choose(self.problem, contenders_of(self.problem, state))
         self.backend.limit = self.allowance.until(Phase.TEST)
         return stopped_by, evolve_seconds, examine(self.problem, champion, by_size)
+
+    def _finished(self, state: SearchState) -> SearchState:
+        """Refine the kept trees once more and round them; Ctrl-C goes on with what was there."""
+        try:
+            if self.config.archive.final_keep > 0 and self.problem.refines:
+                self.progress.say("Refining the best trees of each size once more ...")
+                self.backend.limit = self.allowance.until(Phase.FINAL_REFINEMENT)
+                self.search.state = state = refine_once_more(self.problem, state)
+            if self.problem.rounds:
+                self.progress.say("Rounding the best trees to few terms and few digits ...")
+                self.backend.limit = self.allowance.until(Phase.ROUNDING)
+                self.search.state = state = round_kept(self.problem, state)
+        except KeyboardInterrupt:
+            self.progress.say(_TESTING)
+        return state
 
     def _tell_of_limit(self, state: SearchState, limit: str) -> None:
         self.progress.note(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+import logging
 from dataclasses import replace
 from typing import Final
 
@@ -17,6 +17,8 @@ from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.state import SearchState
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.forest import Forest
+
+_logger = logging.getLogger(__name__)
 
 ROUNDING = "rounding"
 """The purpose that steps of rounding are counted under."""
@@ -42,10 +44,17 @@ def round_kept(problem: Problem, state: SearchState) -> SearchState:
     best = sorted(filter(_has_sums, best), key=lambda member: -member.archive_fitness)
     seeds = episode_seeds("training", episodes, stream(problem.config.seed, "rounding"))
 
-    def returns(forest: Forest, some: NDArray[np.int64]) -> NDArray[np.float64]:
-        return problem.backend.evaluate(forest, some, ROUNDING).returns
+    # Rounding ends quietly with a limit.
+    reached: list[str] = []
 
-    with suppress(LimitReachedError):
+    def returns(forest: Forest, some: NDArray[np.int64]) -> NDArray[np.float64]:
+        try:
+            return problem.backend.evaluate(forest, some, ROUNDING).returns
+        except LimitReachedError as limit:
+            reached.append(limit.reason)
+            raise
+
+    try:
         for member in best:
             rng = stream(problem.config.seed, f"rounding of {digest(member.tree).hex()}")
             (observed,) = problem.backend.observe([member.tree], _OBSERVED, [rng], ROUNDING)
@@ -60,6 +69,10 @@ def round_kept(problem: Problem, state: SearchState) -> SearchState:
                 others = tuple(other for other in archive.members if other.tree.num_decision_nodes != size)
                 contender = Contender(tree, member.train_fitness, member.origin)
                 archive = offer(problem, replace(archive, members=others), [contender])
+    except LimitReachedError as limit:
+        reached.append(limit.reason)
+    if reached and archive is state.archive:
+        _logger.warning("ge.%s left no room to round the rules.", reached[0])
     return replace(state, archive=archive)
 
 
