@@ -217,6 +217,9 @@ def _check_override(override: Override, *, sweep: bool) -> None:
         )
     if override.is_sweep_override() and not sweep:
         raise ConfigError(f"{key} must be one value; got {override.input_line}; for a run of each, add -m")
+    if key == "env.symmetry" and not override.is_sweep_override() and override.value() == {}:
+        # Hydra merges keys with values, so that none of them change nothing.
+        raise ConfigError(f"{key} must be keys with values or null; got {{}}; type {key}=null to do without")
     names_a_file = override.is_sweep_override() or override.is_delete() or isinstance(override.value(), str)
     if names_a_file:
         check_group(key)

@@ -95,6 +95,9 @@ def config_from(composed: object) -> Config:
         raise ConfigError(
             f"a file of env with the sections env and grammar must begin with {first_line}; got none"
         )
+    if isinstance(env, dict):
+        # The key is there unless the user took it away: '~env.symmetry'.
+        env.setdefault("symmetry", None)
     return Config.from_mapping({str(key): value for key, value in composed.items()})
 
 

@@ -49,10 +49,11 @@ class EnvironmentConfig(Section):
         because="a tree is read by them",
         doc="Names of the actions, or of the entries of a continuous one; empty means `a0`, `a1`, ...",
     )
-    symmetry: Mapping[str, Any] = mapping(
+    symmetry: Mapping[str, Any] | None = mapping(
         doc="The mirror of the environment, where it has one: `negate`, the features that change their sign in it; "
         "`swap`, pairs of features that change places; `actions`, pairs of actions that do; `negate_actions`, entries "
-        "of a continuous action that change their sign."
+        "of a continuous action that change their sign. Where nothing is said, it is what the class of "
+        "dynamics of your own declares; null does without."
     )
     solved_at: float | None = setting(None, doc="Mean return from which the task counts as solved.")
     lowest_return: float | None = setting(

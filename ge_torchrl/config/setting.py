@@ -142,7 +142,7 @@ def follows_speed(entry: Field[Any]) -> bool:
 
 def holds_mapping(entry: Field[Any]) -> bool:
     """Tell whether a setting is keys with values of the user's own."""
-    return get_origin(entry.type) is Mapping
+    return rule_of(entry).kind == "mapping"
 
 
 @cache

@@ -122,7 +122,7 @@ def refuse_what_is_refuted(verdict: Verdict) -> None:
     """
     if verdict.fault:
         raise ConfigError(
-            f"env.symmetry does not hold: {verdict.fault}; mend it, or type '~env.symmetry' to do without"
+            f"env.symmetry does not hold: {verdict.fault}; mend it, or type env.symmetry=null to do without"
         )
 
 

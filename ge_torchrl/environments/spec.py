@@ -207,7 +207,9 @@ def describe_settings(env: EnvironmentConfig) -> EnvironmentSpec:
 
 
 def symmetry_of(env: EnvironmentConfig) -> Mapping[str, Any]:
-    """Return the mirror that the settings declare, else the one that a plant declares, if there is one."""
+    """Return the mirror that the settings declare, else the one that a plant declares; where they say null, none."""
+    if env.symmetry is None:
+        return {}
     return env.symmetry or (read_plant(env.id, env.kwargs).symmetry if names_plant(env.id) else {})
 
 

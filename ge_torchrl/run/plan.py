@@ -74,7 +74,7 @@ def plan(config: Config) -> Plan:
     if chosen.is_generated:
         config = replace(config, grammar=replace(config.grammar, bnf=chosen.text, name=_GENERATED))
     symmetry, mirror = declared_mirror(config.env, spec)
-    if symmetry != config.env.symmetry:
+    if symmetry and symmetry != config.env.symmetry:
         config = replace(config, env=replace(config.env, symmetry=symmetry))
     if mirror is not None:
         refuse_what_is_refuted(check_mirror(spec, symmetry, mirror))

@@ -1,8 +1,12 @@
+from dataclasses import replace
+from pathlib import Path
+
 import gymnasium as gym
 import pytest
 from environments_for_tests import CountdownEnv, EndlessEnv, StillEnv, UnseededEnv, register
 from problems_for_tests import BNF, FEATURES, config_of
 
+from ge_torchrl.config import Config
 from ge_torchrl.errors import ConfigError, EnvironmentFaultError, GrammarError
 from ge_torchrl.run.plan import plan
 
@@ -99,10 +103,23 @@ def test_a_mirror_that_the_environment_does_not_have_is_refused_with_figures():
     mirror = {"negate": list(FEATURES), "actions": {"left": "right"}}
     assert plan(config_of(env={"symmetry": mirror})).mirror is not None
     with pytest.raises(
-        ConfigError, match=r"^env\.symmetry does not hold: .* type '~env\.symmetry'"
+        ConfigError, match=r"^env\.symmetry does not hold: .* type env\.symmetry=null to do without$"
     ) as raised:
         plan(config_of(env={"symmetry": {**mirror, "negate": FEATURES[:3]}}))
     assert "\n" not in str(raised.value)
+
+
+def test_a_mirror_that_a_plant_declares_is_done_without_where_settings_say_so(monkeypatch):
+    monkeypatch.chdir(Path(__file__).resolve().parents[2])
+    env = {"id": "docs/examples/plant.py:Cart", "features": (), "units": (), "actions": (), "solved_at": None}
+    config = config_of(env=env, grammar={"bnf": None})
+    planned = plan(config)
+    assert planned.mirror is not None
+    assert "negate" in planned.config.env.symmetry
+    without = plan(replace(config, env=replace(config.env, symmetry=None)))
+    assert without.mirror is None
+    again = Config.from_mapping(without.config.as_mapping())
+    assert plan(again).mirror is None, "what a run's config.yaml holds does without, too"
 
 
 def test_a_feature_that_does_not_vary_is_not_tested():
