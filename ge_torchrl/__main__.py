@@ -4,7 +4,7 @@ Whatever the user mistyped is found by composing every job of the command line i
 one line before Hydra makes a folder.
 """
 
-from ge_torchrl.interrupts import interrupt_again, leave_quietly
+from ge_torchrl.interrupts import ignore_interrupts, interrupt_again, leave_quietly
 
 if __name__ == "__main__":
     leave_quietly()  # Until main takes over.
@@ -56,8 +56,7 @@ from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 # Where Hydra makes the folders of runs.
 _FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
 _VERSION_BASE = "1.3"
-# Hydra then raises its exceptions instead of printing them.
-_FULL_ERROR = {"HYDRA_FULL_ERROR": "1"}
+_FULL_ERROR = {"HYDRA_FULL_ERROR": "1"}  # Hydra raises its exceptions instead of printing them.
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -75,12 +74,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except UserError as error:
         return tell(error)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as pressed:
+        ignore_interrupts()
+        if not pressed.args:
+            print("ge-torchrl: interrupted before there was a result", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         if is_output_closed():
             return OUTPUT_CLOSED
         raise
+    finally:
+        ignore_interrupts()
     return status
 
 
@@ -111,8 +115,8 @@ def _run(arguments: list[str]) -> int:
         # A value that follows from others is shown as what it is, not as how it follows.
         arguments = ["--resolve", *arguments]
     launch = hydra.main(version_base=_VERSION_BASE, config_path=str(CONF), config_name="config")(job)
-    folder = "hydra.sweep.dir" if options.multirun else "hydra.run.dir"
-    with seen_by_others(arguments, _FULL_ERROR), _in_our_words(), folder_told(folder):
+    key = f"hydra.{'sweep' if options.multirun else 'run'}.dir"
+    with seen_by_others(arguments, _FULL_ERROR), _in_our_words(), folder_told(key):
         try:
             launch()
         except JobFailedError as failed:
@@ -145,7 +149,7 @@ def _job(values: DictConfig) -> int:
         return FAULT
     if summary.stopped_by == "interrupt" and context.mode == RunMode.MULTIRUN:
         # Ctrl-C ended the job with what it had found; whoever pressed it means the sweep.
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt("the job has told what it found")
     return OK
 
 
@@ -266,8 +270,8 @@ def _prepare_hydra() -> None:
 
 def _of_the_thesis(cartpole: Any, acrobot: Any, mountaincar: Any, *, _root_: DictConfig) -> Any:
     """Choose among the values of the thesis' three environments; any other environment takes the first."""
-    values = {"Acrobot-v1": acrobot, "MountainCar-v0": mountaincar}
-    value = values.get(OmegaConf.select(_root_, "env.id"), cartpole)
+    others = {"Acrobot-v1": acrobot, "MountainCar-v0": mountaincar}
+    value = others.get(OmegaConf.select(_root_, "env.id"), cartpole)
     return OmegaConf.create(value) if isinstance(value, list) else value
 
 

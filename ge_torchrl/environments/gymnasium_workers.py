@@ -26,6 +26,7 @@ from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.registry import registered_id
 from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.interrupts import held_back
 
 _Result = TypeVar("_Result")
 
@@ -135,7 +136,8 @@ class Workers:
         """
         futures: list[Future[_Result]] = []
         try:
-            futures = [self._pool.submit(_work, task, each) for each in arguments]
+            with held_back():
+                futures = [self._pool.submit(_work, task, each) for each in arguments]
             waiting = set(futures)
             while waiting:
                 done, waiting = wait(waiting, timeout=_LOOK_SECONDS, return_when=FIRST_EXCEPTION)
@@ -162,6 +164,8 @@ class Workers:
 
     def _stop(self, futures: Sequence[Future[Any]]) -> None:
         self._board.stop.value = 1
+        # If Ctrl-C ends the wait, nobody knows who still plays.
+        self.is_usable = False
         _, playing = wait([future for future in futures if not future.cancel()], timeout=_STOP_SECONDS)
         self.is_usable = not playing
         if self.is_usable:

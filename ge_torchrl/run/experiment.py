@@ -17,6 +17,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.errors import GrammarError, RunFaultError, UserError
+from ge_torchrl.interrupts import ignore_interrupts
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.allowance import Allowance, Phase
@@ -128,10 +129,11 @@ class _Run:
             try:
                 stopped_by, evolve_seconds, verdict = self._search_and_choose()
             except KeyboardInterrupt:
+                ignore_interrupts()
                 saved = self._save_what_there_is()
                 self.progress.end()
                 print_line(console, f"interrupted; {saved}")
-                raise
+                raise KeyboardInterrupt(saved) from None
             except Exception as fault:
                 if isinstance(fault, BrokenPipeError) and console.quiet:
                     self._save_what_there_is()
@@ -210,7 +212,6 @@ class _Run:
         return together(self.problem, self.search.state)
 
     def _watch(self, state: SearchState, events: Events) -> None:
-        elapsed = time.perf_counter() - self.started
         if events.begins_anew:
             self.progress.say(
                 "Beginning anew with another population; the best trees so far are set aside ..."
@@ -221,6 +222,7 @@ class _Run:
             self.refinements.write(refinement)
             self.improved += refinement.outcome == IMPROVED
             self.progress.show_refinement(refinement)
+        elapsed = time.perf_counter() - self.started
         record = generation_record(state, events, self.backend.steps.total(), elapsed)
         self.history.write(record)
         self.progress.show(record)
@@ -286,15 +288,13 @@ class _Run:
     def _tell(self, summary: Summary, verdict: Verdict, records: list[ArchiveRecord]) -> None:
         path = self.folder.path
         shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
-        controller = Controller(verdict.champion.pruned, self.names)
-        self.console.print()
         text = closing_text(
             summary,
-            controller,
+            Controller(verdict.champion.pruned, self.names),
             shown,
             records,
             refiner_of(method_of(self.config)),
             improved=self.improved,
             width=self.console.width if self.console.is_terminal else None,
         )
-        self.console.print(text, soft_wrap=True)
+        self.console.print(f"\n{text}", soft_wrap=True)

@@ -95,7 +95,7 @@ def test_interrupt_ends_everything_quietly(experiment, capsys):
     experiment.failures[1] = KeyboardInterrupt()
     assert main(["-m", "seed=0,1,2"]) == 130
     assert [config.seed for config, _ in experiment.runs] == [0, 1]
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "ge-torchrl: interrupted before there was a result\n"
 
 
 @pytest.mark.usefixtures("experiment")

@@ -39,6 +39,7 @@ def test_no_package_that_a_run_imports_prints_a_warning():
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+NOTHING_FOUND = b"ge-torchrl: interrupted before there was a result\n"
 PRINTS = """
 import sys, types
 room = types.ModuleType("ge_torchrl.run.experiment")
@@ -99,7 +100,9 @@ def interrupted(folder, command, package):
 def test_ctrl_c_while_packages_are_imported_is_quiet(tmp_path, package, is_script):
     command = [console_script(tmp_path)] if is_script else ["-m", "ge_torchrl"]
     done = interrupted(tmp_path, command, package)
-    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+    assert (done.returncode, done.stdout) == (130, b"")
+    # Of Gymnasium only the command line itself has need.
+    assert done.stderr == (NOTHING_FOUND if package == "gymnasium" else b"")
 
 
 def test_who_imports_the_command_line_keeps_their_own_ctrl_c(tmp_path):
@@ -134,3 +137,29 @@ def test_jobs_run_side_by_side_with_one_thread_each(tmp_path):
     )  # fmt: skip
     assert failing.returncode == 2
     assert "no genotype of 2 codons gave a tree" in failing.stderr
+
+
+LOOKS = """
+import os, signal, sys, types
+room = types.ModuleType("ge_torchrl.run.plan")
+def plan(config):
+    os.kill(os.getpid(), signal.SIGINT)
+room.plan = plan
+sys.modules["ge_torchrl.run.plan"] = room
+import atexit
+atexit.register(os.kill, os.getpid(), signal.SIGINT)
+from ge_torchrl.program import main
+sys.argv = ["ge-torchrl", "seed=1"]
+sys.exit(main())
+"""
+
+
+def test_ctrl_c_before_a_run_says_that_nothing_was_found_and_later_ones_say_nothing(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", LOOKS],
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", NOTHING_FOUND)
