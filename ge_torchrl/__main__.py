@@ -49,6 +49,7 @@ from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR, JobFailedError
+from ge_torchrl.cli.waiting import looked_at
 from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unknown_choice, unreadable
 from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
@@ -99,8 +100,7 @@ def _run(arguments: list[str]) -> int:
         options.overrides = with_environment(typed)
         arguments = [*(word for word in arguments if word not in typed), *options.overrides]
     _check(options)
-    statuses: list[int] = []
-    process = os.getpid()
+    statuses, process = list[int](), os.getpid()
 
     def job(values: DictConfig) -> None:
         status = _job(values)
@@ -172,7 +172,8 @@ def _check(options: argparse.Namespace) -> None:
 
     # The jobs of a sweep mostly share environment and grammar, which are made real once.
     for config in {(config.env, config.grammar, config.ge): config for config in configs}.values():
-        plan(config)
+        with looked_at(config.env.id):
+            plan(config)
 
 
 def _configs(options: argparse.Namespace) -> list[Config]:
@@ -255,7 +256,7 @@ def _prepare_hydra() -> None:
     def unique_token() -> str:
         return secrets.token_hex(4)
 
-    # A plain mapping, not the records as a typed schema: then one place, config/, judges types and words the errors.
+    # A plain mapping, no typed schema: then one place, config/, judges types and words the errors.
     node = OmegaConf.create(template())
     for key in MAPPINGS:
         # Hydra asks for a + before a key that is not there; within these all keys are the user's own.

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ge_torchrl.cli.parser import Parser
 from ge_torchrl.cli.statuses import OK
+from ge_torchrl.cli.waiting import looked_at
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ConfigError
 
@@ -24,7 +25,9 @@ def check(arguments: list[str], compose: Compose) -> int:
 
     from ge_torchrl.run import surveying
 
-    print(surveying.survey(config).as_text())
+    with looked_at(config.env.id):
+        found = surveying.survey(config)
+    print(found.as_text())
     return OK
 
 
@@ -45,7 +48,8 @@ def init(arguments: list[str], compose: Compose) -> int:
     from ge_torchrl.run import starting_file
     from ge_torchrl.run.plan import plan
 
-    planned = plan(config)
+    with looked_at(config.env.id):
+        planned = plan(config)
     name = starting_file.starting_name(planned.spec.id, choices("env"))
     print(f"wrote {starting_file.write_starting_file(planned, options.out, name)}; run it with")
     print(f"  {starting_file.starting_command(options.out, name)}")

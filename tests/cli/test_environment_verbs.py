@@ -3,10 +3,12 @@
 import os
 import subprocess
 import sys
+import time
 
 import pytest
 
 from ge_torchrl.__main__ import main
+from ge_torchrl.cli import waiting
 from ge_torchrl.run import surveying
 
 OWN = """
@@ -131,3 +133,17 @@ def test_the_console_script_finds_modules_of_the_current_folder(tmp_path):
     )
     assert found.stderr == ""
     assert found.stdout.startswith("own_module:Own-v0\n")
+
+
+@pytest.mark.usefixtures("surveyed")
+def test_an_environment_that_takes_its_time_is_named_meanwhile(capsys, monkeypatch):
+    monkeypatch.setattr(waiting, "_SILENCE_SECONDS", 0.0)
+    quick = surveying.survey
+
+    def slow(config):
+        time.sleep(0.3)
+        return quick(config)
+
+    monkeypatch.setattr(surveying, "survey", slow)
+    assert main(["check", "CartPole-v1"]) == 0
+    assert capsys.readouterr().err == "ge-torchrl: looking at CartPole-v1 ...\n"
