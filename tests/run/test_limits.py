@@ -108,8 +108,12 @@ class TestSlowEnvironment:
     }
 
     @pytest.fixture
-    def slow(self):
+    def slow(self, monkeypatch, tmp_path):
         with registered(SlowWalkEnv, max_episode_steps=50) as env:
+            # The first run of its kind waits for kernels, and no limit counts that.
+            with monkeypatch.context() as quick:
+                quick.setattr(SlowWalkEnv, "seconds", 0.0)
+                limited(tmp_path / "first", {"max_env_steps": 3000, "population_size": 10}, env, **self.FEW)
             yield env
 
     @pytest.mark.parametrize("population_size", [4, 2000])
