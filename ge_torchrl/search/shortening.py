@@ -109,6 +109,8 @@ def _without_the_least(
         whole = nodes if half is None or mirror is None else whole_of(nodes, mirror)
         fewer += [] if whole is None else [whole]
     forest = forest_of(fewer)
+    # Without its first fold a half may unfold to a whole that is larger.
+    forest = forest.take(np.flatnonzero(forest.num_decision_nodes < tree.num_decision_nodes))
     few = _affordable(timesteps / 2, len(forest), _length(problem, tree, purpose, rng))
     forest = _best(problem, forest, _GO_ON, min(_EPISODES, few), purpose, rng)
     return _best(problem, forest, 1, min(_MORE_EPISODES, 4 * few), purpose, rng).tree(0)

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirrors_for_tests import MIRRORS
+from mirrors_for_tests import MIRRORS, NAMES
 from problems_for_tests import Analytic, problem_of
 
 from ge_torchrl.environments.backend import Limit, LimitReachedError
 from ge_torchrl.refiners.folding import fold_at, half_of, whole_of
+from ge_torchrl.refiners.mirror import Mirror
+from ge_torchrl.search import shortening
 from ge_torchrl.search.shortening import moved, shortened
 from ge_torchrl.trees.nodes import Split, forest_of
 from ge_torchrl.trees.tree import DecisionTree
@@ -86,3 +88,20 @@ def test_a_limit_breaks_it_off():
     of.backend.limit = Limit(max_env_steps=2_000)
     with pytest.raises(LimitReachedError):
         shorter(of, LONG, 1)
+
+
+def test_no_step_makes_it_larger_though_a_half_without_its_fold_may_unfold_to_more(monkeypatch):
+    mirror = Mirror.declared({"negate": ["theta", "theta_dot"], "swap": [["x", "x_dot"]]}, NAMES["cart"])
+    beyond = [Split((0,), (1.0,), 0.5), 0, Split((3,), (1.0,), 0.5), 1, 0]
+    tree = forest_of([whole_of(fold_at(2, beyond, mirror), mirror)]).tree(0)
+    assert tree.num_decision_nodes < forest_of([whole_of(beyond, mirror)]).tree(0).num_decision_nodes
+    tried = []
+
+    def best(_, forest, *__):
+        tried.extend(forest.num_decision_nodes)
+        return forest
+
+    monkeypatch.setattr(shortening, "_best", best)
+    shorter(problem(mirror=mirror), tree, tree.num_decision_nodes - 1)
+    assert tried
+    assert max(tried) < tree.num_decision_nodes
