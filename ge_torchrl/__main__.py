@@ -94,7 +94,7 @@ def _run(arguments: list[str]) -> int:
         print(f"ge_torchrl {__version__}")
         return OK
     _prepare_hydra()
-    options = _parse(arguments)
+    options = options_of_run(get_args_parser(), arguments)
     typed = options.overrides
     if options.config_name is None and options.config_path is None:
         options.overrides = with_environment(typed)
@@ -156,7 +156,7 @@ def _job(values: DictConfig) -> int:
 def _composed(words: list[str]) -> Config:
     """Return the configuration of one run that these words would begin."""
     _prepare_hydra()
-    options = _parse(with_environment(words))
+    options = options_of_run(get_args_parser(), with_environment(words))
     (config,) = _configs(options)
     return config
 
@@ -294,10 +294,6 @@ def _in_our_words() -> Iterator[None]:
         raise ConfigError(unreadable(error.override)) from error
     except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
         raise ConfigError(one_line(error)) from error
-
-
-def _parse(arguments: list[str]) -> argparse.Namespace:
-    return options_of_run(get_args_parser(), arguments)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import LimitReachedError
 from ge_torchrl.refiners.mirror import Mirror
-from ge_torchrl.refiners.ties import Ties, ties_of
+from ge_torchrl.refiners.ties import ties_in
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -79,8 +79,7 @@ class Rounding:
 
     def _with_a_term_less(self, tree: DecisionTree) -> list[DecisionTree]:
         """Return the trees in which a term, and those tied to it, has no weight any more."""
-        ties = None if self._mirror is None else ties_of(tree, self._mirror)
-        ties = Ties.none(len(tree.parameters)) if ties is None else ties
+        ties = ties_in(tree, self._mirror)
         is_weight = _is_weight(tree)
         trees = []
         for number in range(len(ties.leading)):

@@ -53,6 +53,17 @@ class Ties:
         return parameters
 
 
+def ties_in(tree: DecisionTree, mirror: Mirror | None) -> Ties:
+    """Return the ties of a tree in the mirror of its environment; no number is tied where either is missing.
+
+    Args:
+        tree: The tree.
+        mirror: Of the environment; None where it has none.
+    """
+    ties = None if mirror is None else ties_of(tree, mirror)
+    return Ties.none(len(tree.parameters)) if ties is None else ties
+
+
 def ties_of(tree: DecisionTree, mirror: Mirror) -> Ties | None:
     """Return the ties of a tree that is its own mirror image; None for any other tree.
 

@@ -15,7 +15,7 @@ from ge_torchrl.ge.operators import random_population
 from ge_torchrl.refiners.folding import fold_observations, half_of, whole_of
 from ge_torchrl.refiners.local_search import as_floats, spread_of
 from ge_torchrl.refiners.mirror import Mirror
-from ge_torchrl.refiners.ties import Ties, ties_of
+from ge_torchrl.refiners.ties import ties_in
 from ge_torchrl.search.archive import Archive
 from ge_torchrl.search.fitness import measure, training_seeds
 from ge_torchrl.search.problem import Problem
@@ -184,8 +184,7 @@ def _moved(
     problem: Problem, tree: DecisionTree, observed: FloatArray, rng: np.random.Generator
 ) -> DecisionTree:
     """Return a tree with one of its numbers, and what is tied to it, moved by up to what its feature spreads."""
-    ties = None if problem.mirror is None else ties_of(tree, problem.mirror)
-    ties = Ties.none(len(tree.parameters)) if ties is None else ties
+    ties = ties_in(tree, problem.mirror)
     if len(ties.leading) == 0:
         return tree
     units = tree.parameter_units(spread_of(observed), problem.backend.spec.names.action_spread)[ties.leading]

@@ -14,7 +14,7 @@ import numpy as np
 from ge_torchrl.refiners.folding import half_of, whole_of
 from ge_torchrl.refiners.local_search import spread_of
 from ge_torchrl.refiners.strategy import Strategy
-from ge_torchrl.refiners.ties import Ties, ties_of
+from ge_torchrl.refiners.ties import ties_in
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.forest import Forest
@@ -72,8 +72,7 @@ def strategy_of(
         rng: Of all its randomness.
     """
     (observed,) = problem.backend.observe([tree], _SPREAD_OVER, [rng], purpose)
-    ties = None if problem.mirror is None else ties_of(tree, problem.mirror)
-    ties = Ties.none(len(tree.parameters)) if ties is None else ties
+    ties = ties_in(tree, problem.mirror)
     units = tree.parameter_units(spread_of(observed))
     return Strategy(problem.backend, tree, ties, units, first_step, purpose, rng)
 

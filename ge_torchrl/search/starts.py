@@ -20,7 +20,7 @@ from ge_torchrl.environments.backend import Backend, within
 from ge_torchrl.refiners.local_search import spread_of
 from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.refiners.strategy import Strategy
-from ge_torchrl.refiners.ties import Ties, ties_of
+from ge_torchrl.refiners.ties import ties_in
 from ge_torchrl.search.archive import START, Contender
 from ge_torchrl.search.fitness import measure, training_seeds
 from ge_torchrl.search.heats import run_heats
@@ -143,11 +143,10 @@ def race(
 
 def _strategy(backend: Backend, shapes: Shapes, mirror: Mirror | None, rng: np.random.Generator) -> Strategy:
     tree = shapes.draw(rng)
-    ties = None if mirror is None else ties_of(tree, mirror)
     return Strategy(
         backend,
         tree,
-        Ties.none(len(tree.parameters)) if ties is None else ties,
+        ties_in(tree, mirror),
         shapes.units(tree),
         _FIRST_STEP,
         STARTS,
