@@ -4,11 +4,10 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from command_line_for_tests import check_composes
 from nbclient import NotebookClient
 from records_for_tests import history, kept, proposal, refinement
 from sweeps_for_tests import write_run
-
-from ge_torchrl import __main__ as command_line
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 ONE_RUN, SWEEP = (NOTEBOOKS / name for name in ("01_one_run.ipynb", "02_a_sweep.ipynb"))
@@ -67,5 +66,4 @@ def test_notebooks_are_stored_without_outputs(path):
 def test_the_examples_of_the_notebooks_compose(path, flags):
     first = next(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code")
     example = ast.literal_eval(re.search(r"EXAMPLE = (\[.*?\])", first, flags=re.DOTALL)[1])
-    command_line._prepare_hydra()
-    command_line._check(command_line._parse([*flags, *example]))
+    check_composes([*flags, *example])

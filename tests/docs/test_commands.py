@@ -4,6 +4,7 @@ import re
 import tomllib
 
 import pytest
+from command_line_for_tests import check_composes
 from pages_for_tests import (
     OF_AN_EARLIER_VERSION,
     PAGES,
@@ -55,8 +56,7 @@ def test_the_pages_print_commands():
 def test_a_run_that_is_printed_composes(arguments):
     # One seed composes as a hundred do, a hundred times as fast.
     few = [re.sub(r"range\((\d+),\d+\)", r"\1", word).replace("NAME", "cartpole") for word in arguments]
-    command_line._prepare_hydra()
-    command_line._check(command_line._parse(with_environment(few)))
+    check_composes(with_environment(few))
 
 
 @pytest.mark.parametrize("arguments", [words for words in OURS if words[0] in VERBS], ids=ids)
@@ -107,8 +107,7 @@ def test_settings_that_are_named_are_there(path):
     sorted({code for path in TODAYS_PAGES for code in inline_codes(path) if OVERRIDES.fullmatch(code)}),
 )
 def test_values_that_are_named_compose(overrides):
-    command_line._prepare_hydra()
-    command_line._check(command_line._parse([word.replace("'", "") for word in overrides.split()]))
+    check_composes([word.replace("'", "") for word in overrides.split()])
 
 
 @pytest.mark.parametrize("path", PAGES, ids=page_id)
