@@ -35,6 +35,7 @@ from ge_torchrl.trees.files import read_controller, write_controller
 CONFIG, HISTORY, REFINEMENTS, SUMMARY = "config.yaml", "history.jsonl", "refinements.jsonl", "summary.json"
 BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT = "best_tree.json", "best_tree_full.json", "best_tree.txt"
 ARCHIVE, ARCHIVE_TREES = "archive.jsonl", "archive"
+TRACEBACK = "traceback.txt"
 
 
 # YAML takes them for line ends too, and would read another text.
@@ -62,6 +63,9 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+
+    def __str__(self) -> str:
+        return str(self.path)
 
     @classmethod
     def create(cls, path: Path, config: Config) -> Self:
@@ -127,6 +131,12 @@ class RunFolder:
     def write_summary(self, summary: Summary) -> None:
         """Write the summary, the last file of a run."""
         write_text(self.path / SUMMARY, to_json(summary, indent=2))
+
+    def write_traceback(self, text: str) -> str:
+        """Write the details of a fault, and return what to say of them."""
+        path = self.path / TRACEBACK
+        write_text(path, text)
+        return f"; details are in {path}"
 
     def read_config(self) -> Config:
         """Read the configuration; keys that are gone since are left out.

@@ -175,7 +175,7 @@ class Summary:
         depth: Likewise.
         complexity_M: Likewise, by Eq. 4.
         generations: Generations run, the first population included.
-        stopped_by: "generations", "solved", "max_seconds", "max_env_steps" or "interrupt".
+        stopped_by: "generations", "solved", "callback", "max_seconds", "max_env_steps" or "interrupt".
         env_steps: Environment steps of the search: all but validation and test.
         steps: Environment steps by purpose.
         steps_per_second: What the budgets followed from.

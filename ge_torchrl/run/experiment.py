@@ -4,54 +4,57 @@ from __future__ import annotations
 
 import logging
 import time
-import traceback
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
 
-from ge_torchrl import __version__
 from ge_torchrl.artefacts.folder import RunFolder
-from ge_torchrl.artefacts.records import ArchiveRecord, Summary
+from ge_torchrl.artefacts.memory import Artefacts, Records
+from ge_torchrl.artefacts.records import Summary
 from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
-from ge_torchrl.errors import GrammarError, RunFaultError, UserError
+from ge_torchrl.errors import GrammarError, UserError
 from ge_torchrl.interrupts import ignore_interrupts
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.allowance import Allowance, Phase
+from ge_torchrl.run.broken_off import save_what_there_is, told_of_fault
 from ge_torchrl.run.closing import closing_text
 from ge_torchrl.run.costs import refinement_cost
+from ge_torchrl.run.finished import Finished, Observer
 from ge_torchrl.run.loop import Search
 from ge_torchrl.run.plan import Plan, plan
 from ge_torchrl.run.progress import Progress, print_line
-from ge_torchrl.run.recording import generation_record, refinement_records, write_untested, write_verdict
+from ge_torchrl.run.recording import (
+    generation_record,
+    refinement_records,
+    summary_of,
+    write_verdict,
+)
 from ge_torchrl.run.refining import refiners_of, with_batches
 from ge_torchrl.run.remaining import fraction_after_search
 from ge_torchrl.run.telling import warnings_told
 from ge_torchrl.run.warming import compile_kernels, is_first_of_its_kind
 from ge_torchrl.search.conclusion import (
-    TEST,
-    VALIDATION,
     Verdict,
     choose,
     contenders_of,
     examine,
     refine_once_more,
-    train_fitness_of,
 )
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.refinement import IMPROVED
 from ge_torchrl.search.restarts import together
 from ge_torchrl.search.rounding import round_kept
 from ge_torchrl.search.state import Events, SearchState
-from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller
 
 _logger = logging.getLogger(__name__)
 
-_TESTING = "Testing what was found; Ctrl-C again leaves it untested in the run folder."
+_TESTING = "Testing what was found; Ctrl-C again leaves it untested."
 
 
 def run(config: Config, output_dir: Path, console: Console | None = None) -> Summary:
@@ -69,9 +72,42 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
         UserError: The configuration cannot be run, or the environment failed on the way.
         RunFaultError: Something else failed; the best tree so far is in the folder.
     """
+    console = console or Console(highlight=False)
+    finished = carry_out(config, lambda decided: RunFolder.create(output_dir, decided), console)
+    shown = output_dir.relative_to(Path.cwd()) if output_dir.is_relative_to(Path.cwd()) else output_dir
+    text = closing_text(
+        finished.summary,
+        finished.champion,
+        shown,
+        finished.archive,
+        finished.refiner,
+        improved=finished.improved,
+        width=console.width if console.is_terminal else None,
+    )
+    console.print(f"\n{text}", soft_wrap=True)
+    return finished.summary
+
+
+def carry_out(
+    config: Config,
+    keep: Callable[[Config], Artefacts],
+    console: Console,
+    observer: Observer = lambda _record, _state: False,
+) -> Finished:
+    """Run an experiment, wherever it leaves its artefacts and whoever looks on.
+
+    Args:
+        config: Everything the run depends on.
+        keep: Opens what keeps the artefacts of a run of this configuration, its budgets resolved.
+        console: Where progress goes.
+        observer: Is told of each generation.
+
+    Raises:
+        UserError: The configuration cannot be run, or the environment failed on the way.
+        RunFaultError: Something else failed; the best tree so far is kept.
+    """
     started = time.perf_counter()
     planned = plan(config)
-    console = console or Console(highlight=False)
     is_first = is_first_of_its_kind(planned)
     if is_first:
         console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
@@ -81,23 +117,29 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
             # That happens once, and is no part of what a run may take.
             compile_kernels(planned, backend.name)
             started = time.perf_counter()
-        return _Run(planned, backend, output_dir, console, started).to_the_end()
+        return _Run(planned, backend, keep, console, observer, started).to_the_end()
     finally:
         backend.close()
 
 
 class _Run:
-    """One run: its search, its folder and its screen."""
+    """One run: its search, its artefacts and its screen."""
 
     def __init__(
-        self, planned: Plan, backend: Backend, output_dir: Path, console: Console, started: float
+        self,
+        planned: Plan,
+        backend: Backend,
+        keep: Callable[[Config], Artefacts],
+        console: Console,
+        observer: Observer,
+        started: float,
     ) -> None:
         given = planned.config.evaluation.steps_per_second
         speed, sums = backend.steps_per_second if given is None else given, planned.tables.grammar.has_sums
         self.config = with_batches(planned.config.resolved(speed, has_sums=sums), backend)
         self.names, self.notes = planned.spec.names, planned.notes
-        self.console, self.started = console, started
-        self.folder = RunFolder.create(output_dir, self.config)
+        self.console, self.observer, self.started = console, observer, started
+        self.folder = keep(self.config)
         self.backend = backend
         refiner, polisher = refiners_of(self.config, backend)
         self.problem = Problem(self.config, planned.tables, backend, refiner, polisher, planned.mirror)
@@ -109,7 +151,7 @@ class _Run:
         self.refine_seconds = self.polish_seconds = 0.0
         self.improved = 0
 
-    def to_the_end(self) -> Summary:
+    def to_the_end(self) -> Finished:
         config, console = self.config, self.console
         print_line(
             console,
@@ -121,9 +163,9 @@ class _Run:
             opened.enter_context(warnings_told(self.warnings, console))
             for note in self.notes:
                 _logger.warning("%s", note)
-            self.history = opened.enter_context(self.folder.history_writer())
+            self.history: Records = opened.enter_context(self.folder.history_writer())
             if self.problem.refiner is not None:
-                self.refinements = opened.enter_context(self.folder.refinements_writer())
+                self.refinements: Records = opened.enter_context(self.folder.refinements_writer())
             self.progress = opened.enter_context(self._progress())
             self.backend.on_steps = self.progress.beat
             try:
@@ -138,12 +180,13 @@ class _Run:
                 if isinstance(fault, BrokenPipeError) and console.quiet:
                     self._save_what_there_is()
                     raise  # Nobody reads the screen any more; nothing broke.
-                raise self._told_with_what_there_is(fault) from fault
+                raise told_of_fault(fault, self._save_what_there_is(), self.folder) from fault
         records = write_verdict(config, self.names, self.folder, verdict)
         summary = self._summary(verdict, stopped_by, evolve_seconds)
         self.folder.write_summary(summary)
-        self._tell(summary, verdict, records)
-        return summary
+        champion = Controller(verdict.champion.pruned, self.names)
+        refiner = refiner_of(method_of(config))
+        return Finished(self.folder, summary, champion, records, refiner, self.improved)
 
     def _progress(self) -> Progress:
         config = self.config
@@ -211,7 +254,7 @@ class _Run:
             raise ValueError("a search that ended has a state")
         return together(self.problem, self.search.state)
 
-    def _watch(self, state: SearchState, events: Events) -> None:
+    def _watch(self, state: SearchState, events: Events) -> bool:
         if events.begins_anew:
             self.progress.say(
                 "Beginning anew with another population; the best trees so far are set aside ..."
@@ -226,75 +269,17 @@ class _Run:
         record = generation_record(state, events, self.backend.steps.total(), elapsed)
         self.history.write(record)
         self.progress.show(record)
+        return self.observer(record, state)
 
     def _save_what_there_is(self) -> str:
-        """Save the best tree so far and the kept ones, and return what to say of them."""
         state = None if self.search.state is None else self._last_state()
-        if state is None or not (contenders := contenders_of(self.problem, state)):
-            return "no tree was there yet"
-        best = max(contenders, key=train_fitness_of)
-        write_untested(self.config, self.names, self.folder, best, state.archive)
-        return f"the best tree so far is in {self.folder.path}, untested"
-
-    def _told_with_what_there_is(self, fault: Exception) -> Exception:
-        """Save what there is, and return the error that says so in one line."""
-        found = self._save_what_there_is()
-        if isinstance(fault, UserError):
-            return type(fault)(" ".join(f"{fault}; {found}".splitlines()))
-        trace = self.folder.path / "traceback.txt"
-        trace.write_text("".join(traceback.format_exception(fault)), encoding="utf-8")
-        text = " ".join(f"{type(fault).__name__}: {fault}".split())
-        return RunFaultError(f"the run broke off ({text}); {found}; details are in {trace}")
+        return save_what_there_is(self.problem, self.names, self.folder, state)
 
     def _summary(self, verdict: Verdict, stopped_by: str, evolve_seconds: float) -> Summary:
-        spec, counts, champion = self.backend.spec, self._last_state().counts, verdict.champion
-        steps = dict(sorted(self.backend.steps.items()))
-        test_mean = float(verdict.test_returns.mean())
-        return Summary(
-            environment=spec.id,
-            seed=self.config.seed,
-            solved=None if spec.solved_at is None else spec.is_solved(test_mean),
-            train_fitness=champion.train_fitness,
-            validation_mean=float(champion.validation_returns.mean()),
-            test_mean=test_mean,
-            test_std=float(verdict.test_returns.std()),
-            test_episodes=len(verdict.test_returns),
-            test_mean_full=float(verdict.test_returns_full.mean()),
-            decision_nodes=champion.pruned.num_decision_nodes,
-            depth=champion.pruned.depth,
-            complexity_M=complexity(champion.pruned).M,
-            generations=self._last_state().generation + 1,
-            stopped_by=stopped_by,
-            env_steps=sum(n for purpose, n in steps.items() if purpose not in (VALIDATION, TEST)),
-            steps=steps,
-            steps_per_second=self.config.evaluation.steps_per_second or self.backend.steps_per_second,
-            refinements=counts.refinements,
-            refinements_improved=counts.improved,
-            refined=counts.refined,
-            polished=counts.polished,
-            champion_from=champion.origin,
-            evolve_seconds=evolve_seconds,
-            refine_seconds=self.refine_seconds,
-            polish_seconds=self.polish_seconds,
-            wall_seconds=time.perf_counter() - self.started,
-            invalid_fraction=counts.invalid / counts.born,
-            route=self.backend.name,
-            solved_at=spec.solved_at,
-            version=__version__,
-            warnings=tuple(self.warnings),
-            workers=self.backend.processes,
-        )
-
-    def _tell(self, summary: Summary, verdict: Verdict, records: list[ArchiveRecord]) -> None:
-        path = self.folder.path
-        shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
-        text = closing_text(
-            summary,
-            Controller(verdict.champion.pruned, self.names),
-            shown,
-            records,
-            refiner_of(method_of(self.config)),
-            improved=self.improved,
-            width=self.console.width if self.console.is_terminal else None,
-        )
-        self.console.print(f"\n{text}", soft_wrap=True)
+        spent = {
+            "evolve_seconds": evolve_seconds,
+            "refine_seconds": self.refine_seconds,
+            "polish_seconds": self.polish_seconds,
+            "wall_seconds": time.perf_counter() - self.started,
+        }
+        return summary_of(self.problem, self._last_state(), verdict, stopped_by, self.warnings, spent)

@@ -17,7 +17,11 @@ from ge_torchrl.trees.tree import DecisionTree
 SOLVING = "asking validation"
 """The purpose that steps of `ge.stop_when_solved` are counted under."""
 
-Watch = Callable[[SearchState, Events], None]
+CALLBACK = "callback"
+"""What stopped a search where whoever watches it asked for that."""
+
+Watch = Callable[[SearchState, Events], bool]
+"""Is shown a generation, and tells whether the search is to stop there."""
 
 
 @dataclass(eq=False)
@@ -26,7 +30,7 @@ class Search:
 
     Attributes:
         problem: What is searched.
-        watch: Is shown every state with what happened in its generation.
+        watch: Is shown every state with what happened in its generation, and may stop the search.
         state: The last state; None before the first generation.
     """
 
@@ -49,7 +53,8 @@ class Search:
                 else:
                     state, events = step(self.problem, self.state)
                 self.state = state
-                self.watch(state, events)
+                if self.watch(state, events):
+                    return CALLBACK
                 if state.generation + 1 >= self.problem.config.ge.generations:
                     return "generations"
                 if self.problem.config.ge.stop_when_solved and _is_solved(self.problem, state, asked):

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from ge_torchrl import __version__
-from ge_torchrl.artefacts.folder import RunFolder
-from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord
+from ge_torchrl.artefacts.memory import Artefacts
+from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
 from ge_torchrl.run.closing import tree_text
 from ge_torchrl.search.archive import Archive, Contender, Member
-from ge_torchrl.search.conclusion import Verdict, train_fitness_of
+from ge_torchrl.search.conclusion import TEST, VALIDATION, Verdict, train_fitness_of
+from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.proposals import INDIVIDUAL
 from ge_torchrl.search.state import Events, RefinementEvent, SearchState
 from ge_torchrl.trees.complexity import complexity
@@ -88,7 +89,7 @@ def _finite_or_none(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def write_verdict(config: Config, names: Names, folder: RunFolder, verdict: Verdict) -> list[ArchiveRecord]:
+def write_verdict(config: Config, names: Names, folder: Artefacts, verdict: Verdict) -> list[ArchiveRecord]:
     """Write the champion and the best tree of each size, with what validation and test said of them.
 
     Returns:
@@ -122,7 +123,7 @@ def write_verdict(config: Config, names: Names, folder: RunFolder, verdict: Verd
 
 
 def write_untested(
-    config: Config, names: Names, folder: RunFolder, best: Contender | Member, archive: Archive
+    config: Config, names: Names, folder: Artefacts, best: Contender | Member, archive: Archive
 ) -> None:
     """Write the best tree so far and the kept trees as they are: something ended the run before validation."""
     told = {"train_fitness": train_fitness_of(best), "test_mean": None}
@@ -149,7 +150,7 @@ def write_untested(
 def write_champion(
     config: Config,
     names: Names,
-    folder: RunFolder,
+    folder: Artefacts,
     pruned: DecisionTree,
     full: DecisionTree,
     told: Mapping[str, object],
@@ -165,7 +166,7 @@ def write_champion(
 def _write_archive(
     config: Config,
     names: Names,
-    folder: RunFolder,
+    folder: Artefacts,
     records: Sequence[ArchiveRecord],
     trees: Sequence[DecisionTree],
 ) -> None:
@@ -182,3 +183,57 @@ def _provenance(config: Config) -> dict[str, object]:
         "seed": config.seed,
         "grammar": config.grammar.name,
     }
+
+
+def summary_of(
+    problem: Problem,
+    state: SearchState,
+    verdict: Verdict,
+    stopped_by: str,
+    warnings: Sequence[str],
+    spent: Mapping[str, float],
+) -> Summary:
+    """Return the summary of a run.
+
+    Args:
+        problem: What was searched.
+        state: The last state.
+        verdict: What the search ended with.
+        stopped_by: What stopped it.
+        warnings: What the user was warned of.
+        spent: The fields of the summary that are clock time [s].
+    """
+    config, backend, counts, champion = problem.config, problem.backend, state.counts, verdict.champion
+    spec, steps = backend.spec, dict(sorted(backend.steps.items()))
+    test_mean = float(verdict.test_returns.mean())
+    return Summary(
+        environment=spec.id,
+        seed=config.seed,
+        solved=None if spec.solved_at is None else spec.is_solved(test_mean),
+        train_fitness=champion.train_fitness,
+        validation_mean=float(champion.validation_returns.mean()),
+        test_mean=test_mean,
+        test_std=float(verdict.test_returns.std()),
+        test_episodes=len(verdict.test_returns),
+        test_mean_full=float(verdict.test_returns_full.mean()),
+        decision_nodes=champion.pruned.num_decision_nodes,
+        depth=champion.pruned.depth,
+        complexity_M=complexity(champion.pruned).M,
+        generations=state.generation + 1,
+        stopped_by=stopped_by,
+        env_steps=sum(n for purpose, n in steps.items() if purpose not in (VALIDATION, TEST)),
+        steps=steps,
+        steps_per_second=config.evaluation.steps_per_second or backend.steps_per_second,
+        refinements=counts.refinements,
+        refinements_improved=counts.improved,
+        refined=counts.refined,
+        polished=counts.polished,
+        champion_from=champion.origin,
+        invalid_fraction=counts.invalid / counts.born,
+        route=backend.name,
+        solved_at=spec.solved_at,
+        version=__version__,
+        warnings=tuple(warnings),
+        workers=backend.processes,
+        **spent,
+    )

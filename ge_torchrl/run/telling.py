@@ -17,13 +17,13 @@ def warnings_told(told: list[str], console: Console) -> Iterator[None]:
 
     Args:
         told: Takes each warning.
-        console: Where they are shown.
+        console: Where they are shown; where it is quiet, they go where warnings of Python programs go.
     """
     handler = _Teller(told, console)
     logger = logging.getLogger("ge_torchrl")
     propagates = logger.propagate
     logger.addHandler(handler)
-    logger.propagate = False
+    logger.propagate = propagates and console.quiet
     try:
         yield
     finally:

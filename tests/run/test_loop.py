@@ -6,7 +6,7 @@ from problems_for_tests import GOOD, Analytic, Answers, Noting, Nudge, cartpole,
 from states_for_tests import told_apart
 
 from ge_torchrl.environments.backend import Limit, LimitReachedError
-from ge_torchrl.run.loop import SOLVING, Search
+from ge_torchrl.run.loop import CALLBACK, SOLVING, Search
 from ge_torchrl.search.step import first_state, step
 
 
@@ -68,6 +68,12 @@ def test_a_search_of_one_generation_is_its_first_population(backend):
     watched = Watched(refining(backend, generations=1))
     assert watched.run() == "generations"
     assert watched.generations == [0]
+
+
+def test_whoever_watches_may_stop_it(backend):
+    search = Search(refining(backend), lambda state, _events: state.generation == 2)
+    assert search.run() == CALLBACK
+    assert search.state.generation == 2
 
 
 def test_a_search_goes_on_from_a_state(backend):

@@ -1,0 +1,36 @@
+"""What a run ends with, and who may look on until then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ge_torchrl.artefacts.memory import Artefacts
+from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, Summary
+from ge_torchrl.search.state import SearchState
+from ge_torchrl.trees.controller import Controller
+
+
+@dataclass(frozen=True, eq=False)
+class Finished:
+    """What a run ends with.
+
+    Attributes:
+        artefacts: Where it left everything.
+        summary: What it found.
+        champion: The champion, pruned.
+        archive: The best tree of each size.
+        refiner: What refined trees, such as "PPO".
+        improved: How many trees that bettered.
+    """
+
+    artefacts: Artefacts
+    summary: Summary
+    champion: Controller
+    archive: list[ArchiveRecord]
+    refiner: str
+    improved: int
+
+
+Observer = Callable[[GenerationRecord, SearchState], bool]
+"""Is told of each generation, and may stop the search there."""
