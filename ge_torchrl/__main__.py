@@ -36,22 +36,16 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
 from ge_torchrl.cli import verb_of
-from ge_torchrl.cli.choices import (
-    CONF,
-    choices,
-    config_from,
-    folder_from,
-    searched,
-    with_environment,
-    words_of,
-)
+from ge_torchrl.cli.choices import config_from, folder_from, searched, with_environment, words_of
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR, JobFailedError
 from ge_torchrl.cli.waiting import looked_at
-from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unknown_choice, unreadable
+from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unreadable
 from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
+from ge_torchrl.config.files import CONF, choices, of_the_thesis, unknown_choice
+from ge_torchrl.config.keys import check_symmetry
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 
 # Where Hydra makes the folders of runs.
@@ -222,9 +216,8 @@ def _check_override(override: Override, *, sweep: bool) -> None:
         )
     if override.is_sweep_override() and not sweep:
         raise ConfigError(f"{key} must be one value; got {override.input_line}; for a run of each, add -m")
-    if key == "env.symmetry" and not override.is_sweep_override() and override.value() == {}:
-        # Hydra merges keys with values, so that none of them change nothing.
-        raise ConfigError(f"{key} must be keys with values or null; got {{}}; type {key}=null to do without")
+    if key == "env.symmetry" and not override.is_sweep_override():
+        check_symmetry(override.value())
     names_a_file = override.is_sweep_override() or override.is_delete() or isinstance(override.value(), str)
     if names_a_file:
         check_group(key)
@@ -271,8 +264,7 @@ def _prepare_hydra() -> None:
 
 def _of_the_thesis(cartpole: Any, acrobot: Any, mountaincar: Any, *, _root_: DictConfig) -> Any:
     """Choose among the values of the thesis' three environments; any other environment takes the first."""
-    others = {"Acrobot-v1": acrobot, "MountainCar-v0": mountaincar}
-    value = others.get(OmegaConf.select(_root_, "env.id"), cartpole)
+    value = of_the_thesis(OmegaConf.select(_root_, "env.id"), (cartpole, acrobot, mountaincar))
     return OmegaConf.create(value) if isinstance(value, list) else value
 
 

@@ -1,30 +1,19 @@
-"""The folder conf/: where it lies, what its groups offer, and what another folder may add."""
+"""What a command line chooses of conf/, and what another folder may add."""
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-import yaml
-
 from ge_torchrl.config import Config
+from ge_torchrl.config.files import CONF, NO_ENVIRONMENT, check_sections, default_choices, read_choice
 from ge_torchrl.errors import ConfigError
 
+# From which Hydra takes a --config-path.
 _PACKAGE = Path(__file__).resolve().parents[1]
-CONF = next(path for path in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if path.is_dir())
-"""A wheel carries the configuration within the package, a checkout beside it."""
-
-_NO_ENVIRONMENT = "env=default"
 
 
 def folder_from(config_path: str | None) -> Path:
     """Return the folder that --config-path names, as Hydra finds it: from the package's; conf/ where none is named."""
     return _PACKAGE / (config_path or CONF)
-
-
-def choices(group: str) -> list[str]:
-    """Return what a group of conf/ offers, `thesis/cartpole` for a file in a subfolder."""
-    folder = CONF / group
-    paths = (path for path in folder.rglob("*.yaml") if not path.name.startswith("_"))
-    return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
 
 
 def with_environment(words: Sequence[str]) -> list[str]:
@@ -41,7 +30,7 @@ def with_environment(words: Sequence[str]) -> list[str]:
     if ids[-1].partition("=")[2].strip("'\"") == _default_id():
         return list(words)
     place = words.index(ids[0])
-    return [*words[:place], _NO_ENVIRONMENT, *words[place:]]
+    return [*words[:place], f"env={NO_ENVIRONMENT}", *words[place:]]
 
 
 def words_of(words: Sequence[str], keys: Collection[str]) -> list[str]:
@@ -51,10 +40,7 @@ def words_of(words: Sequence[str], keys: Collection[str]) -> list[str]:
 
 def _default_id() -> str:
     """Return the id of the environment that a run takes where none is chosen."""
-    defaults = yaml.safe_load((CONF / "config.yaml").read_text(encoding="utf-8"))["defaults"]
-    (choice,) = (entry["env"] for entry in defaults if isinstance(entry, dict) and "env" in entry)
-    file = yaml.safe_load((CONF / "env" / f"{choice}.yaml").read_text(encoding="utf-8"))
-    return str(file["env"]["id"])
+    return str(read_choice("env", str(default_choices()["env"]))["env"]["id"])
 
 
 def added_folder(config_dir: str, config_name: str) -> Path:
@@ -90,11 +76,7 @@ def config_from(composed: object) -> Config:
     """
     if not isinstance(composed, dict):
         raise ConfigError(f"the configuration must be keys with values; got {type(composed).__name__}")
-    if isinstance(env := composed.get("env"), dict) and {"env", "grammar"} & set(env):
-        first_line = "# @package _global_"
-        raise ConfigError(
-            f"a file of env with the sections env and grammar must begin with {first_line}; got none"
-        )
+    check_sections(env := composed.get("env"))
     if isinstance(env, dict):
         # The key is there unless the user took it away: '~env.symmetry'.
         env.setdefault("symmetry", None)

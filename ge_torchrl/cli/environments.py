@@ -44,7 +44,7 @@ def init(arguments: list[str], compose: Compose) -> int:
     options = parser.parse_args(arguments)
     config = compose(_words(options))
 
-    from ge_torchrl.cli.choices import choices
+    from ge_torchrl.config.files import choices
     from ge_torchrl.run import starting_file
     from ge_torchrl.run.plan import plan
 

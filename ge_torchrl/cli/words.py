@@ -1,12 +1,11 @@
 """What is said about a command line: other packages' errors in one line, and names and texts as they are shown."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from ge_torchrl.cli.choices import choices
-from ge_torchrl.config import check_choice
+from ge_torchrl.config.files import choices
 from ge_torchrl.errors import ConfigError
 
 _LONGEST_NAME = 160
@@ -60,23 +59,6 @@ def _unmergeable(error: BaseException) -> str:
     if not override.lstrip("+").startswith("env.symmetry"):
         return told
     return f"{told}; type pairs as keys with values, as in env.symmetry='{{negate: [x], actions: {{left: right}}}}'"
-
-
-def unknown_choice(group: str, choice: str, offered: Iterable[str]) -> ConfigError:
-    """Return the error for a choice that a group does not offer.
-
-    Args:
-        group: The group of files, such as `env`.
-        choice: What was asked for.
-        offered: What is offered beside conf/.
-
-    Raises:
-        ConfigError: The choice is one of an earlier version, and now goes by another name.
-    """
-    check_choice(group, choice)
-    others = (option for option in offered if not option.startswith("_"))
-    expected = ", ".join(sorted({*choices(group), *others}))
-    return ConfigError(f"{group}={choice} is unknown; expected one of {expected}; got {choice}")
 
 
 @contextmanager

@@ -21,8 +21,8 @@ from rich.table import Table
 
 from ge_torchrl.__main__ import _VERSION_BASE, _config_from, _prepare_hydra
 from ge_torchrl.artefacts.folder import RunFolder
-from ge_torchrl.cli.choices import CONF
 from ge_torchrl.config import Config
+from ge_torchrl.config.files import CONF
 from ge_torchrl.run.experiment import run
 
 console = Console(width=110)
