@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run test test-processors lint format settings bench clean
+.PHONY: help run test chromium test-processors lint format settings bench clean
 
 help: ## List the targets (this text)
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -18,8 +18,16 @@ help: ## List the targets (this text)
 run: $(VENV)/.installed ## Evolve a controller; choose with ENV=mountaincar and ARGS="seed=3 ge.generations=50"
 	@$(BIN)/python -m ge_torchrl env=$(ENV) $(ARGS)
 
-test: lint ## Check style, types, imports and behaviour: all that CI checks
+test: lint chromium ## Check style, types, imports and behaviour: all that CI checks
 	@$(BIN)/pytest -n auto
+
+# Tests open pages in a real browser, and skip that where there is none. Only root of a Debian can be given one by itself.
+chromium:
+	@if ! command -v chromedriver > /dev/null && [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
+		echo "Installing chromium for the tests of pages (once) ..."; \
+		{ apt-get -qq update && DEBIAN_FRONTEND=noninteractive \
+			apt-get -qq install -y --no-install-recommends chromium chromium-driver fonts-dejavu-core; \
+		} > /dev/null 2>&1 || echo "... it cannot be installed here: these tests are skipped"; fi
 
 # Each stands in for an older processor, or for one with fewer cores; the last is all the slow ones together.
 test-processors: $(VENV)/.installed-dev ## Run the tests as on other processors: PyTorch, numba and NumPy with fewer instructions

@@ -41,6 +41,7 @@ from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR, JobFailedError
+from ge_torchrl.cli.sweeps import write_page_of_sweep
 from ge_torchrl.cli.waiting import looked_at
 from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unreadable
 from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
@@ -97,8 +98,7 @@ def _run(arguments: list[str]) -> int:
     statuses, process = list[int](), os.getpid()
 
     def job(values: DictConfig) -> None:
-        status = _job(values)
-        statuses.append(status)
+        statuses.append(status := _job(values))
         if status != OK and os.getpid() != process:
             # A launcher's own process cannot reach the list above; Hydra carries the error over at the end.
             raise JobFailedError(status)
@@ -109,8 +109,7 @@ def _run(arguments: list[str]) -> int:
         # A value that follows from others is shown as what it is, not as how it follows.
         arguments = ["--resolve", *arguments]
     launch = hydra.main(version_base=_VERSION_BASE, config_path=str(CONF), config_name="config")(job)
-    key = f"hydra.{'sweep' if options.multirun else 'run'}.dir"
-    with seen_by_others(arguments, _FULL_ERROR), _in_our_words(), folder_told(key):
+    with seen_by_others(arguments, _FULL_ERROR), _in_our_words(), folder_told(_FOLDERS[options.multirun]):
         try:
             launch()
         except JobFailedError as failed:
@@ -119,6 +118,7 @@ def _run(arguments: list[str]) -> int:
             # Hydra leaves so after --help and the like, and after messages of its own.
             if leaving.code != OUTPUT_CLOSED:
                 statuses.append(USER_ERROR if leaving.code else OK)
+    write_page_of_sweep()
     return FAULT if FAULT in statuses else max(statuses, default=OK)
 
 

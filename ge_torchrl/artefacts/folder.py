@@ -10,7 +10,9 @@
 | `best_tree.txt` | the pruned champion for a person |
 | `archive.jsonl` | an `ArchiveRecord` for each number of decision nodes |
 | `archive/03.json` | the best tree with 3 decision nodes, pruned; likewise for the other sizes |
+| `episodes.json` | some test episodes step by step, and how often each leaf decided in all of them |
 | `summary.json` | the `Summary`; a folder that holds it is a finished run |
+| `report.html` | all of it as a page to look at |
 
 The history and the refinements grow line by line. Every other file is there whole or not at all, and may be written
 again while a run goes on.
@@ -24,6 +26,7 @@ from typing import Self
 
 import yaml
 
+from ge_torchrl.artefacts.episodes import Episodes, episodes_text, read_episodes
 from ge_torchrl.artefacts.lines import RecordWriter, read_record, read_records, to_json
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.artefacts.texts import read_text, told_of, write_text, write_whole
@@ -36,6 +39,7 @@ CONFIG, HISTORY, REFINEMENTS, SUMMARY = "config.yaml", "history.jsonl", "refinem
 BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT = "best_tree.json", "best_tree_full.json", "best_tree.txt"
 ARCHIVE, ARCHIVE_TREES = "archive.jsonl", "archive"
 TRACEBACK = "traceback.txt"
+EPISODES, PAGE = "episodes.json", "report.html"
 
 
 # YAML takes them for line ends too, and would read another text.
@@ -128,6 +132,10 @@ class RunFolder:
             with told_of(stale):
                 stale.unlink()
 
+    def write_episodes(self, episodes: Episodes) -> None:
+        """Write what the test saw."""
+        write_text(self.path / EPISODES, episodes_text(episodes))
+
     def write_summary(self, summary: Summary) -> None:
         """Write the summary, the last file of a run."""
         write_text(self.path / SUMMARY, to_json(summary, indent=2))
@@ -195,6 +203,15 @@ class RunFolder:
                 f"{self.path} has these; got {decision_nodes}"
             )
         return read_controller(self._archive_tree(decision_nodes))
+
+    def read_episodes(self) -> Episodes | None:
+        """Read what the test saw; None where the run kept nothing of it.
+
+        Raises:
+            ArtefactError: The file is not in its format.
+        """
+        path = self.path / EPISODES
+        return read_episodes(path) if path.exists() else None
 
     def read_summary(self) -> Summary:
         """Read the summary.

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
+from ge_torchrl.artefacts.episodes import Episodes
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
@@ -44,6 +45,7 @@ class RunMemory:
     _refinements: list[RefinementRecord] = field(default_factory=list)
     _trees: tuple[Controller, Controller] | None = None
     _archive: tuple[tuple[ArchiveRecord, Controller], ...] = ()
+    _episodes: Episodes | None = None
     _summary: Summary | None = None
 
     def __str__(self) -> str:
@@ -64,6 +66,10 @@ class RunMemory:
     def write_archive(self, members: Sequence[tuple[ArchiveRecord, Controller]]) -> None:
         """Keep the best trees of all sizes, from small to large."""
         self._archive = tuple(members)
+
+    def write_episodes(self, episodes: Episodes) -> None:
+        """Keep what the test saw."""
+        self._episodes = episodes
 
     def write_summary(self, summary: Summary) -> None:
         """Keep the summary, the last of a run."""
@@ -99,6 +105,10 @@ class RunMemory:
             if record.decision_nodes == decision_nodes:
                 return controller
         raise ArtefactError(f"the run kept no tree with {decision_nodes} decision nodes")
+
+    def read_episodes(self) -> Episodes | None:
+        """Return what the test saw; None where nothing of it was kept."""
+        return self._episodes
 
     def read_summary(self) -> Summary:
         """Return the summary.

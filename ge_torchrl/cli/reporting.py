@@ -11,7 +11,8 @@ def report(arguments: list[str]) -> int:
     """Report the runs in a folder, as `report --help` tells; return the exit status."""
     parser = Parser(
         prog="ge-torchrl report",
-        description="Print a table of finished runs, and write a report with figures and drawn trees.",
+        description="Print a table of finished runs, and write a report with figures and drawn trees, and pages to "
+        "look at: report.html in the folder and in that of every run.",
     )
     parser.add_argument(
         "folder", metavar="FOLDER", type=Path, help="a run's or sweep's folder, or any above them"
@@ -26,6 +27,7 @@ def report(arguments: list[str]) -> int:
 
     from ge_torchrl.report.canvas import PLOTS_HINT, has_matplotlib
     from ge_torchrl.report.findings import runs_tables
+    from ge_torchrl.report.html.writing import write_pages
     from ge_torchrl.report.pages import write_report
     from ge_torchrl.report.runs import gather_runs
 
@@ -38,4 +40,9 @@ def report(arguments: list[str]) -> int:
     else:
         output = options.output or options.folder / "report"
         print(f"\nreport: {write_report(options.folder, options.against, output)}")
+    pages = write_pages(options.folder, gather_runs(options.folder) if options.against else found)
+    for line in pages.failed:
+        print(f"ge-torchrl: no page: {line}", file=sys.stderr)
+    if pages.written is not None:
+        print(f"page: {pages.written}")
     return OK

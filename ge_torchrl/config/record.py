@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
+from functools import cache
 from typing import Any, ClassVar
 
 from ge_torchrl.checks import MOST_EPISODES, UNSET
@@ -165,7 +166,12 @@ def check_key(key: str) -> None:
         ConfigError: There is no such key; the message names its successor or similar ones.
     """
     if not any(key.startswith(f"{own}.") for own in MAPPINGS):
-        keys.check_key(key, _flat_keys(template()))
+        keys.check_key(key, _known_keys())
+
+
+@cache
+def _known_keys() -> tuple[str, ...]:
+    return tuple(_flat_keys(template()))
 
 
 def _mappings(record: type[Section]) -> Iterator[str]:

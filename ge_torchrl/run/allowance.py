@@ -14,6 +14,9 @@ from ge_torchrl.environments.backend import Limit
 _LARGEST_SHARE = 0.1
 # Rounding asks of each term and each digit whether it is needed; the last refinement leaves it so much.
 _ROUNDING_SHARE = 0.1
+# Episodes that are played once more for the run's page, beside one of each size; and what of the test's part they take
+# at most.
+_RECORDED, _RECORDED_SHARE = 3, 0.1
 # The speed was measured on other trees: a phase gets so many times the seconds that it seems to need.
 _SECONDS_TO_SPARE = 3
 
@@ -26,6 +29,7 @@ class Phase(Enum):
     ROUNDING = "rounding"
     VALIDATION = "validation"
     TEST = "test"
+    RECORD = "record"
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,8 @@ class Allowance:
             Phase.FINAL_REFINEMENT: 1 - test - validation - rounding,
             Phase.ROUNDING: 1 - test - validation,
             Phase.VALIDATION: 1 - test,
-            Phase.TEST: 1.0,
+            Phase.TEST: 1 - min(share(1, _RECORDED + n_sizes), _RECORDED_SHARE * test),
+            Phase.RECORD: 1.0,
         }
         return cls(started, ge.max_seconds, max_env_steps, ends)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ge_torchrl.artefacts.folder import PAGE
 from ge_torchrl.artefacts.records import ArchiveRecord, Summary
 from ge_torchrl.report.evaluated import verdict
 from ge_torchrl.report.sizes import by_size, sizes_table, trees_of_archive
@@ -86,6 +87,7 @@ def closing_text(
         *_refinement_rows(summary, refiner, improved),
         *(("warning", warning) for warning in summary.warnings),
         ("run folder", str(shown_path)),
+        *([("page", str(shown_path / PAGE))] if (shown_path / PAGE).exists() else []),
     ]
     sizes = by_size(trees_of_archive(archive, summary.seed, summary.decision_nodes))
     parts = [

@@ -24,6 +24,7 @@ from ge_torchrl.run.allowance import Allowance, Phase
 from ge_torchrl.run.broken_off import save_what_there_is, told_of_fault
 from ge_torchrl.run.closing import closing_text
 from ge_torchrl.run.costs import refinement_cost
+from ge_torchrl.run.episodes import keep_episodes, write_page_of_run
 from ge_torchrl.run.finished import Finished, Observer
 from ge_torchrl.run.loop import Search
 from ge_torchrl.run.plan import Plan, plan
@@ -74,6 +75,7 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
     """
     console = console or Console(highlight=False)
     finished = carry_out(config, lambda decided: RunFolder.create(output_dir, decided), console)
+    write_page_of_run(output_dir, console)
     shown = output_dir.relative_to(Path.cwd()) if output_dir.is_relative_to(Path.cwd()) else output_dir
     text = closing_text(
         finished.summary,
@@ -181,7 +183,9 @@ class _Run:
                     self._save_what_there_is()
                     raise  # Nobody reads the screen any more; nothing broke.
                 raise told_of_fault(fault, self._save_what_there_is(), self.folder) from fault
-        records = write_verdict(config, self.names, self.folder, verdict)
+            records = write_verdict(config, self.names, self.folder, verdict)
+            self.backend.limit = self.allowance.until(Phase.RECORD)
+            keep_episodes(self.folder, self.problem, verdict)
         summary = self._summary(verdict, stopped_by, evolve_seconds)
         self.folder.write_summary(summary)
         champion = Controller(verdict.champion.pruned, self.names)

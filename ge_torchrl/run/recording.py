@@ -14,8 +14,9 @@ from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
 from ge_torchrl.run.closing import tree_text
+from ge_torchrl.run.episodes import AFTER_SEARCH
 from ge_torchrl.search.archive import Archive, Contender, Member
-from ge_torchrl.search.conclusion import TEST, VALIDATION, Verdict, train_fitness_of
+from ge_torchrl.search.conclusion import Verdict, train_fitness_of
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.proposals import INDIVIDUAL
 from ge_torchrl.search.state import Events, RefinementEvent, SearchState
@@ -221,7 +222,7 @@ def summary_of(
         complexity_M=complexity(champion.pruned).M,
         generations=state.generation + 1,
         stopped_by=stopped_by,
-        env_steps=sum(n for purpose, n in steps.items() if purpose not in (VALIDATION, TEST)),
+        env_steps=sum(n for purpose, n in steps.items() if purpose not in AFTER_SEARCH),
         steps=steps,
         steps_per_second=config.evaluation.steps_per_second or backend.steps_per_second,
         refinements=counts.refinements,

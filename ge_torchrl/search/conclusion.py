@@ -6,9 +6,9 @@ nothing was selected on, does not. The test that follows chooses nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,7 @@ class Verdict:
         test_returns_full: [E] float64, of the champion as it was before pruning.
         by_size: The best tree of each size by validation, from small to large; none without an archive.
         test_returns_by_size: [S, E] float64, theirs; NaN where a limit left no room for a tree.
+        test_visits: For each tree that was tested [L] int64, how often its leaves decided in these episodes.
     """
 
     champion: Finalist
@@ -88,6 +89,7 @@ class Verdict:
     test_returns_full: NDArray[np.float64]
     by_size: tuple[Finalist, ...]
     test_returns_by_size: NDArray[np.float64]
+    test_visits: Mapping[DecisionTree, NDArray[np.int64]] = field(default_factory=dict)
 
 
 def refine_once_more(problem: Problem, state: SearchState) -> SearchState:
@@ -228,7 +230,9 @@ def examine(problem: Problem, champion: Finalist, by_size: Sequence[Finalist]) -
     # A champion stands among the best of each size too, and is often pruned already: each tree is tested once.
     both = dict.fromkeys((champion.pruned, champion.full))
     trees = list(both | dict.fromkeys(finalist.pruned for finalist in kept))
-    outcomes = evaluate_what_fits(problem, trees, test_seeds(problem.config), TEST, at_least=len(both))
+    outcomes = evaluate_what_fits(
+        problem, trees, test_seeds(problem.config), TEST, visits=True, at_least=len(both)
+    )
     untested = np.full(outcomes.returns.shape[1], np.nan)
     returns = dict(zip(trees, outcomes.returns, strict=False))
     by_size_returns = [returns.get(finalist.pruned, untested) for finalist in kept]
@@ -238,7 +242,15 @@ def examine(problem: Problem, champion: Finalist, by_size: Sequence[Finalist]) -
         test_returns_full=returns[champion.full],
         by_size=kept,
         test_returns_by_size=np.array(by_size_returns).reshape(len(kept), len(untested)),
+        test_visits=_visits_of(trees[: len(outcomes.returns)], outcomes),
     )
+
+
+def _visits_of(trees: Sequence[DecisionTree], outcomes: Outcomes) -> dict[DecisionTree, NDArray[np.int64]]:
+    if outcomes.leaf_visits is None:
+        return {}
+    ends = np.cumsum([tree.num_leaves for tree in trees])
+    return dict(zip(trees, np.split(outcomes.leaf_visits, ends[:-1]), strict=True))
 
 
 def evaluate_what_fits(

@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 from runs_for_tests import config
 
+from ge_torchrl.artefacts.episodes import episodes_text
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.artefacts.memory import RunMemory
 from ge_torchrl.artefacts.records import CLOCK_FIELDS
@@ -38,6 +39,7 @@ def test_it_reads_as_the_folder_does(tmp_path, monkeypatch):
     assert list(map(still, in_memory.read_history())) == list(map(still, in_folder.read_history()))
     assert in_memory.read_refinements() == []
     assert still(in_memory.read_summary()) == still(in_folder.read_summary())
+    assert episodes_text(in_memory.read_episodes()) == episodes_text(in_folder.read_episodes())
     with pytest.raises(ArtefactError, match="no tree with 99 decision nodes"):
         in_memory.read_archive_tree(99)
 

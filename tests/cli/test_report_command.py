@@ -31,7 +31,10 @@ def test_command_prints_tables_and_says_where_the_report_is(sweep, capsys):
     assert main(["report", str(sweep)]) == 0
     printed = capsys.readouterr()
     assert printed.out.startswith("**CartPole-v1 GE+PPO** (100 test episodes, solved from 475)\n\n| seed |")
-    assert printed.out.endswith(f"\n\nreport: {sweep / 'report' / 'report.md'}\n")
+    report, page = sweep / "report" / "report.md", sweep / "report.html"
+    assert printed.out.endswith(f"\n\nreport: {report}\npage: {page}\n")
+    assert "ge_torchrl sweep" in page.read_text()
+    assert "ge_torchrl run" in (sweep / "ge" / "0" / "report.html").read_text()
     assert re.fullmatch(rf"ge-torchrl: left out: {broken}: .*history\.jsonl:1 is not JSON.*\n", printed.err)
     assert f"## Left out\n\n* {broken}: " in (sweep / "report" / "report.md").read_text()
 

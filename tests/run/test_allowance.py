@@ -21,7 +21,7 @@ def test_without_limits_a_run_may_take_what_it_takes():
 
 @pytest.mark.parametrize(
     ("phase", "share"),
-    [(Phase.SEARCH, 0.7), (Phase.FINAL_REFINEMENT, 0.8), (Phase.VALIDATION, 0.9), (Phase.TEST, 1.0)],
+    [(Phase.SEARCH, 0.7), (Phase.FINAL_REFINEMENT, 0.8), (Phase.VALIDATION, 0.9), (Phase.RECORD, 1.0)],
 )
 def test_each_phase_ends_so_that_the_next_has_its_part(phase, share):
     seconds = allowance({"max_seconds": 60}, 100.0).until(phase)
@@ -31,7 +31,7 @@ def test_each_phase_ends_so_that_the_next_has_its_part(phase, share):
 
 
 def test_the_last_phase_has_all_of_both():
-    both = allowance({"max_seconds": 60, "max_env_steps": 1}).until(Phase.TEST)
+    both = allowance({"max_seconds": 60, "max_env_steps": 1}).until(Phase.RECORD)
     assert (both.deadline, both.max_env_steps) == (60.0, 1)
 
 
@@ -48,6 +48,12 @@ def test_the_search_has_what_is_not_needed_after_it():
         allowance({"max_env_steps": 10**6}, archive=KEEPING, evaluation=few).ends[Phase.FINAL_REFINEMENT]
         < 0.98
     )
+
+
+def test_recording_takes_a_little_of_what_the_test_has():
+    few = {**MANY, "validation_episodes": 10, "test_episodes": 10}
+    ends = allowance({"max_env_steps": 10**6}, archive={"keep": 0}, evaluation=few).ends
+    assert ends[Phase.VALIDATION] < ends[Phase.TEST] == pytest.approx(1 - 0.001)
 
 
 def test_rounding_has_a_part_of_its_own_after_the_last_refinement():

@@ -26,7 +26,9 @@ FILES = {
     "best_tree.txt",
     "best_tree_full.json",
     "config.yaml",
+    "episodes.json",
     "history.jsonl",
+    "report.html",
     "summary.json",
 }
 
@@ -136,7 +138,7 @@ class TestLedger:
         assert summary.steps == backend.counted
         assert summary.env_steps_total == backend.counted.total()
         assert summary.env_steps == backend.counted["training"] + backend.counted["archive"]
-        assert set(summary.steps) == {"training", "archive", "validation", "test"}
+        assert set(summary.steps) == {"training", "archive", "validation", "test", "record"}
 
     def test_the_steps_are_those_that_were_made_in_the_environment(self, tmp_path, monkeypatch):
         def open_and_forget(*args):

@@ -157,6 +157,11 @@ class Noting:
         self._count(purpose, observed.shape[0] * observed.shape[1])
         return observed
 
+    def record(self, tree, seed):
+        trajectory = self._backend.record(tree, seed)
+        self._count("record", len(trajectory.rewards))
+        return trajectory
+
     def sampler(self, rngs):
         return _NotedSampler(self._backend.sampler(rngs), self._count)
 

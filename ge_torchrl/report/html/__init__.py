@@ -1,0 +1,1 @@
+"""Pages of runs and sweeps: one self-contained HTML file each, made from the artefacts alone."""

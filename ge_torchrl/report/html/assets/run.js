@@ -1,0 +1,10 @@
+// The page of a run.
+
+[view.across, view.up] = featuresByUse(treeNow());
+startTree();
+startPlayer();
+startStrips();
+startPartition();
+startCharts();
+view.tree = -1;
+chooseTree(0);

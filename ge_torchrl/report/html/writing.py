@@ -1,0 +1,75 @@
+"""Pages are written beside the artefacts that they show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from ge_torchrl.artefacts.folder import PAGE, RunFolder
+from ge_torchrl.artefacts.texts import write_text
+from ge_torchrl.errors import UserError
+from ge_torchrl.report.html.run_page import run_page
+from ge_torchrl.report.html.sweep_page import sweep_page
+from ge_torchrl.report.runs import FoundRuns
+
+
+def write_run_page(path: Path) -> Path:
+    """Write the page of a finished run into its folder and return its path.
+
+    Raises:
+        ArtefactError: A file is missing or unreadable, or the page cannot be written.
+        ConfigError: The configuration is none.
+        InvalidTreeError: A tree's file holds no valid tree.
+    """
+    page = path / PAGE
+    write_text(page, run_page(RunFolder(path)))
+    return page
+
+
+def write_sweep_page(folder: Path, found: FoundRuns) -> Path:
+    """Write the page of a sweep into its folder and return its path.
+
+    Args:
+        folder: The folder that the runs lie in.
+        found: Its finished runs.
+
+    Raises:
+        ArtefactError: The page cannot be written.
+    """
+    page = folder / PAGE
+    write_text(page, sweep_page(folder, found))
+    return page
+
+
+class Pages(NamedTuple):
+    """What was written.
+
+    Attributes:
+        written: The page of the folder itself; None where it could not be written.
+        failed: For every page that could not be written one line that says why.
+    """
+
+    written: Path | None
+    failed: tuple[str, ...]
+
+
+def write_pages(folder: Path, found: FoundRuns) -> Pages:
+    """Write the page of every run, and that of the folder where it is no run itself.
+
+    Args:
+        folder: A run's or a sweep's folder, or any above them.
+        found: Its finished runs.
+    """
+    failed: list[str] = []
+    written: list[Path] = []
+    for run in found.runs:
+        try:
+            written.append(write_run_page(run.path))
+        except UserError as error:
+            failed.append(" ".join(str(error).split()))
+    if [run.path for run in found.runs] == [folder]:
+        return Pages(written[0] if written else None, tuple(failed))
+    try:
+        return Pages(write_sweep_page(folder, found), tuple(failed))
+    except UserError as error:
+        return Pages(None, (*failed, " ".join(str(error).split())))

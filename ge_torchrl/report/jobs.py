@@ -1,0 +1,70 @@
+"""Jobs of a sweep that left no finished run: which, and what is known of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from ge_torchrl.artefacts.folder import HISTORY, SUMMARY, TRACEBACK, RunFolder
+from ge_torchrl.errors import ArtefactError
+
+_NOTHING = "it failed before it began, or has not begun"
+_NUMBERED = re.compile(r"(\d+)(?:_|$)")
+
+
+class UnfinishedJob(NamedTuple):
+    """A job without a summary.
+
+    Attributes:
+        name: Its folder, below the one that was asked for; or "job 3" where it has none.
+        state: "failed", "unfinished" or "missing".
+        told: What is known of it, in one line.
+    """
+
+    name: str
+    state: str
+    told: str
+
+
+def unfinished_jobs(folder: Path) -> list[UnfinishedJob]:
+    """Return the jobs in a folder and below it that broke off, go on, or left no folder, by name."""
+    begun = {path.parent for name in (HISTORY, TRACEBACK) for path in folder.rglob(name)}
+    jobs = [_job(path, folder) for path in sorted(begun) if not (path / SUMMARY).exists()]
+    return [*jobs, *_missing(folder)]
+
+
+def _job(path: Path, folder: Path) -> UnfinishedJob:
+    name = path.relative_to(folder).as_posix() if path != folder else path.name
+    trace = path / TRACEBACK
+    if trace.exists():
+        lines = trace.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return UnfinishedJob(name, "failed", lines[-1] if lines else "no reason is written down")
+    try:
+        history = RunFolder(path).read_history()
+    except ArtefactError:
+        history = []
+    if not history:
+        return UnfinishedJob(name, "unfinished", "no generation is written yet")
+    last = history[-1]
+    best = "" if last.best is None else f", best fitness {last.best:.2f}"
+    return UnfinishedJob(
+        name,
+        "unfinished",
+        f"{last.generation + 1} generations in {last.elapsed_seconds:.0f} s{best}; goes on or broke off",
+    )
+
+
+def _missing(folder: Path) -> Iterator[UnfinishedJob]:
+    """Yield the jobs of a sweep that left nothing, or whose numbers are left out among its folders."""
+    folders = [path for path in sorted(folder.iterdir()) if path.is_dir()] if folder.is_dir() else []
+    numbered = {int(found[1]): path for path in folders if (found := _NUMBERED.match(path.name))}
+    if len(numbered) < 2:
+        return
+    for number in range(max(numbered) + 1):
+        path = numbered.get(number)
+        if path is None:
+            yield UnfinishedJob(f"job {number}", "missing", f"left no folder: {_NOTHING}")
+        elif not any(path.rglob(HISTORY)) and not any(path.rglob(TRACEBACK)):
+            yield UnfinishedJob(path.name, "missing", f"left nothing in its folder: {_NOTHING}")

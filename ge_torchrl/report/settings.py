@@ -1,0 +1,83 @@
+"""Which settings differ between runs, so that no table averages what was made by different ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from ge_torchrl.config import Config
+
+# A seed is what runs of one setting differ by, and the speed was measured.
+_NO_SETTINGS = frozenset({"seed", "evaluation.steps_per_second"})
+# They follow the measured speed where nobody set them, and it is never measured twice alike.
+_FROM_SPEED = ("ge.max_env_steps", "starts.max_timesteps")
+_LONGEST = 48
+
+
+@cache
+def settings_of(config: Config) -> Mapping[str, str]:
+    """Return a configuration as texts by dotted key, without seed and measured speed.
+
+    A budget that follows from the measured speed reads "by speed": two runs that left it open were told alike.
+    """
+    flat = dict(_flat(config.as_mapping()))
+    for key in _FROM_SPEED:
+        if _follows_speed(config, key):
+            flat[key] = "by speed"
+    return {key: value for key, value in flat.items() if key not in _NO_SETTINGS}
+
+
+def differing(configs: Sequence[Config]) -> list[str]:
+    """Return the keys whose values are not the same in all configurations, in the order of `Config`."""
+    told = [settings_of(config) for config in configs]
+    keys = dict.fromkeys(key for settings in told for key in settings)
+    return [key for key in keys if len({settings.get(key, "") for settings in told}) > 1]
+
+
+def labels_of(configs: Sequence[Config]) -> list[str]:
+    """Return for each configuration what it has otherwise than others, as a person would type it.
+
+    Equal labels mean equal settings: values too long to be shown whole are numbered where they look alike.
+
+    Returns:
+        Texts such as `ge.generations=50, refiner.method=none`; empty ones where nothing differs.
+    """
+    keys = differing(configs)
+    wholes = [tuple(settings_of(config).get(key, "") for key in keys) for config in configs]
+    of_text: dict[str, dict[tuple[str, ...], int]] = {}
+    labels = []
+    for config, whole in zip(configs, wholes, strict=True):
+        text = ", ".join(f"{key}={shown_setting(config, key)}" for key in keys)
+        number = of_text.setdefault(text, {}).setdefault(whole, len(of_text[text]) + 1)
+        labels.append(text if number == 1 else f"{text} (another, {number})")
+    return labels
+
+
+def shown_setting(config: Config, key: str) -> str:
+    """Return the value of a setting on one short line; "" where there is none of this name."""
+    value = " ".join(settings_of(config).get(key, "").split())
+    return value if len(value) <= _LONGEST else f"{value[: _LONGEST - 1]}…"
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", "null" if value is None else str(value)
+
+
+def _follows_speed(config: Config, key: str) -> bool:
+    """Tell whether a budget is what the measured speed gives where nobody sets it."""
+    section, name = key.split(".")
+    speed, values = config.evaluation.steps_per_second, config.as_mapping()
+    used = values[section][name]
+    if speed is None or used is None:
+        return False
+    values[section] = {**values[section], name: None}
+    left_open = Config.from_mapping(values)
+    return any(
+        left_open.resolved(speed, has_sums=has_sums).as_mapping()[section][name] == used
+        for has_sums in (False, True)
+    )

@@ -1,0 +1,61 @@
+"""The end of a sweep: its page stands beside its runs, and never changes how the sweep ends."""
+
+from sweeps_for_tests import write_run
+
+from ge_torchrl.__main__ import main
+from ge_torchrl.report.html import writing
+
+
+def runs_that_leave_files(experiment, monkeypatch):
+    original = experiment.run
+
+    def run(config, output_dir, console):
+        if config.seed not in experiment.failures:
+            write_run(output_dir, seed=config.seed)
+        return original(config, output_dir, console)
+
+    monkeypatch.setattr(experiment, "run", run)
+
+
+def test_the_page_of_a_sweep_is_written_at_its_end(experiment, monkeypatch, tmp_path, capsys):
+    runs_that_leave_files(experiment, monkeypatch)
+    assert main(["-m", "seed=0,1", "hydra.sweep.dir=there"]) == 0
+    page = tmp_path / "there" / "report.html"
+    assert "2 finished runs" in page.read_text()
+    assert capsys.readouterr().out.endswith("the runs side by side: there/report.html\n")
+
+
+def test_a_job_that_fails_is_named_there(experiment, monkeypatch, tmp_path):
+    runs_that_leave_files(experiment, monkeypatch)
+    experiment.failures[1] = ValueError("no")
+    assert main(["-m", "seed=0,1,2", "hydra.sweep.dir=there"]) == 1
+    page = (tmp_path / "there" / "report.html").read_text()
+    assert "2 finished runs" in page
+    assert "1 job not finished" in page
+    assert "1_seed=1</td><td>missing</td>" in page
+
+
+def test_a_single_run_has_no_page_of_a_sweep(experiment, monkeypatch, tmp_path, capsys):
+    runs_that_leave_files(experiment, monkeypatch)
+    assert main(["seed=3", "hydra.run.dir=alone"]) == 0
+    assert not (tmp_path / "alone" / "report.html").exists(), (
+        "the run itself writes it, and this one is no real one"
+    )
+    assert "side by side" not in capsys.readouterr().out
+
+
+def test_where_no_run_is_finished_nothing_is_said_of_a_page(experiment, capsys):
+    assert main(["-m", "seed=0,1"]) == 0
+    assert len(experiment.runs) == 2
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_page_that_cannot_be_made_is_told_in_one_line(experiment, monkeypatch, capsys):
+    runs_that_leave_files(experiment, monkeypatch)
+
+    def breaking(*_):
+        raise ZeroDivisionError("a bug\nof ours")
+
+    monkeypatch.setattr(writing, "sweep_page", breaking)
+    assert main(["-m", "seed=0,1"]) == 0
+    assert capsys.readouterr().err == "ge-torchrl: no page of the sweep: a bug of ours\n"
