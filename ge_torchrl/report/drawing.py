@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 # Neighbours in this order differ in lightness too.
 ACTION_COLOURS = (SKY, ORANGE, GREEN, YELLOW, PURPLE, BLUE, VERMILION)
-_DARK = {BLUE, GREEN, VERMILION}
+DARK_COLOURS = {BLUE, GREEN, VERMILION}
 
 # All lengths are inches, as the axes are scaled to the figure.
 _FONT, _EDGE_FONT = 10.0, 8.0
-_BOX_HEIGHT, _PADDING, _GAP, _MARGIN = 0.36, 0.16, 0.14, 0.2
+BOX_HEIGHT, _PADDING, _GAP, _MARGIN = 0.36, 0.16, 0.14, 0.2
 _LEVEL = 0.95
-_LINE = 0.19
+LINE_HEIGHT = 0.19
 # Two edges from one node leave room for a label each.
 _LEAST_LEAF_DISTANCE = 0.95
 # How far down an edge its label stands: far enough for two edges of a node to have parted.
@@ -77,7 +77,7 @@ def draw_tree(controller: Controller) -> Figure:
     texts = [split_text(tree, names, split) for split in range(n_splits)]
     # A leaf with several values has a line for each.
     texts += ["\n".join(leaf_lines(tree, names, leaf)) for leaf in range(tree.num_leaves)]
-    leaf_height = _BOX_HEIGHT + _LINE * texts[-1].count("\n")
+    leaf_height = BOX_HEIGHT + LINE_HEIGHT * texts[-1].count("\n")
     figure = new_figure(1, 1)
     layout = tidy_layout(tree, np.array([_width(text) + 2 * _PADDING for text in texts]), leaf_height)
     figure.set_size_inches(layout.size)
@@ -112,7 +112,7 @@ def save_tree(controller: Controller, path: Path) -> tuple[Path, Path]:
     return save_figure(draw_tree(controller), path)
 
 
-def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64], leaf_height: float = _BOX_HEIGHT) -> Layout:
+def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64], leaf_height: float = BOX_HEIGHT) -> Layout:
     """Place leaves side by side in their order, and each decision above the middle of its children.
 
     Two decisions of one depth are then at least two leaf distances apart, a decision and a leaf one and a
@@ -132,8 +132,8 @@ def tidy_layout(tree: DecisionTree, widths: NDArray[np.float64], leaf_height: fl
     x = place * distance
     # A box may be wider than the leaves below it.
     x += _MARGIN - (x - widths / 2).min()
-    heights = np.repeat([_BOX_HEIGHT, leaf_height], [n_splits, tree.num_leaves])
-    level = _LEVEL + (leaf_height - _BOX_HEIGHT)
+    heights = np.repeat([BOX_HEIGHT, leaf_height], [n_splits, tree.num_leaves])
+    level = _LEVEL + (leaf_height - BOX_HEIGHT)
     # Boxes of one level stand level at their tops, and the lowest ones are leaves.
     height = 2 * _MARGIN + leaf_height + level * depth.max()
     y = height - _MARGIN - heights / 2 - level * depth
@@ -193,7 +193,7 @@ def _draw_box(axes: Axes, layout: Layout, node: int, text: str, colour: str, *, 
             zorder=3,
         )
     )
-    ink = "white" if colour in _DARK else "black"
+    ink = "white" if colour in DARK_COLOURS else "black"
     # Names are no formulas, so a dollar in them is a dollar.
     axes.text(
         x, y, text, size=_FONT, color=ink, ha="center", va="center_baseline", zorder=4, parse_math=False

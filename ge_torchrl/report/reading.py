@@ -7,13 +7,13 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from ge_torchrl.artefacts.controllers import named_controller
 from ge_torchrl.artefacts.folder import ARCHIVE_TREES, CONFIG, RunFolder
 from ge_torchrl.config import EnvironmentConfig
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec, describe, describe_settings
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.trees.controller import Controller, Names, check_names
-from ge_torchrl.trees.files import read_controller
 from ge_torchrl.trees.tree import DecisionTree
 
 _logger = logging.getLogger(__name__)
@@ -29,13 +29,9 @@ def read_tree(path: Path, nodes: int | None) -> tuple[DecisionTree, EnvironmentS
     Raises:
         UserError: There is no such tree, or its environment is at fault.
     """
+    controller = named_controller(path, nodes)
     if path.is_dir():
-        folder = RunFolder(path)
-        controller = folder.read_best_tree() if nodes is None else folder.read_archive_tree(nodes)
-        return controller.tree, environment_of_run(folder, controller)
-    if nodes is not None:
-        raise ArtefactError(f"--nodes chooses a tree of a run, so expected a run's folder; got {path}")
-    controller = read_controller(path)
+        return controller.tree, environment_of_run(RunFolder(path), controller)
     run = path.parent.parent if path.parent.name == ARCHIVE_TREES else path.parent
     env = RunFolder(run).read_config().env if (run / CONFIG).exists() else None
     return controller.tree, _environment_of(path, controller, env)

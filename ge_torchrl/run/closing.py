@@ -6,15 +6,13 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ge_torchrl.artefacts.folder import PAGE
 from ge_torchrl.artefacts.records import ArchiveRecord, Summary
 from ge_torchrl.report.evaluated import verdict
 from ge_torchrl.report.sizes import by_size, sizes_table, trees_of_archive
 from ge_torchrl.report.tables import counted
 from ge_torchrl.trees.controller import Controller
-from ge_torchrl.trees.text import render_rules, render_text
+from ge_torchrl.trees.text import clipping_text, render_rules, render_text
 
 _CHAMPION_FROM = {
     "population": "the champion is from the population",
@@ -33,16 +31,8 @@ def tree_text(controller: Controller) -> str:
 def _drawn(controller: Controller) -> str:
     """Return a tree drawn, with a line below it where its leaves may answer what lies outside the action's bounds."""
     tree, names = controller.tree, controller.names
-    drawn, bounds = render_text(tree, names), names.action_bounds
-    if tree.has_actions or not np.isfinite(bounds).any():
-        return drawn
-    low, high = np.array(bounds, np.float32).T
-    if len(tree.leaf_feature) == 0 and ((low <= tree.value) & (tree.value <= high)).all():
-        return drawn
-    spans = [f"{low:.6g} to {high:.6g}" for low, high in bounds]
-    if len(set(spans)) > 1:
-        spans = [f"{name} {span}" for name, span in zip(names.actions, spans, strict=True)]
-    return f"{drawn}\nvalues are clipped to {', '.join(dict.fromkeys(spans))}"
+    told = clipping_text(tree, names)
+    return "\n".join([render_text(tree, names), *([told] if told else [])])
 
 
 def closing_text(

@@ -81,6 +81,20 @@ def render_rules(tree: DecisionTree, names: Names) -> str:
     return "\n".join(lines)
 
 
+def clipping_text(tree: DecisionTree, names: Names) -> str:
+    """Return between which bounds answers are clipped; empty where no leaf may answer what lies outside of them."""
+    bounds = names.action_bounds
+    if tree.has_actions or not np.isfinite(bounds).any():
+        return ""
+    low, high = np.array(bounds, np.float32).T
+    if len(tree.leaf_feature) == 0 and ((low <= tree.value) & (tree.value <= high)).all():
+        return ""
+    spans = [f"{low:.6g} to {high:.6g}" for low, high in bounds]
+    if len(set(spans)) > 1:
+        spans = [f"{name} {span}" for name, span in zip(names.actions, spans, strict=True)]
+    return f"values are clipped to {', '.join(dict.fromkeys(spans))}"
+
+
 def split_text(tree: DecisionTree, names: Names, split: int) -> str:
     """Return what a split asks: `theta < 0.2 rad`, or `2 x - 0.5 theta < 0.2`."""
     return _condition(names, _terms(tree, split), -np.inf, shortest_decimal(tree.threshold[split]))

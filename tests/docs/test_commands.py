@@ -17,6 +17,7 @@ from pages_for_tests import (
 )
 
 from ge_torchrl import __main__ as command_line
+from ge_torchrl.artefacts import controllers
 from ge_torchrl.cli import VERBS
 from ge_torchrl.cli.choices import with_environment
 from ge_torchrl.config import check_key
@@ -68,6 +69,7 @@ def test_a_verb_that_is_printed_takes_its_arguments(arguments, experiment, monke
         (runs, "gather_runs"),
         (pages, "gather_runs"),
         (surveying, "survey"),
+        (controllers, "named_controller"),
         (starting_file, "write_starting_file"),
     ):
         monkeypatch.setattr(room, name, stop)

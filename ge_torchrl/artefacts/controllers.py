@@ -1,0 +1,28 @@
+"""One way to name a controller: by its file, or by the folder of the run that found it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.errors import ArtefactError
+from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.files import read_controller
+
+
+def named_controller(path: Path, nodes: int | None) -> Controller:
+    """Return the controller that a path names.
+
+    Args:
+        path: A tree's file, or a run's folder, whose champion is meant.
+        nodes: The tree with so many decision nodes from the archive of the run; None: the champion.
+
+    Raises:
+        UserError: There is no such tree.
+    """
+    if path.is_dir():
+        folder = RunFolder(path)
+        return folder.read_best_tree() if nodes is None else folder.read_archive_tree(nodes)
+    if nodes is not None:
+        raise ArtefactError(f"--nodes chooses a tree of a run, so expected a run's folder; got {path}")
+    return read_controller(path)

@@ -1,0 +1,87 @@
+"""`export`: a controller in another language or file format."""
+
+import argparse
+from pathlib import Path
+
+from ge_torchrl.cli.output import tell
+from ge_torchrl.cli.parser import Parser, integer_from
+from ge_torchrl.cli.statuses import OK
+from ge_torchrl.errors import RunFaultError, UserError
+
+_FORMATS = """\
+formats:
+  python   a function without imports
+  c        a C99 function without allocation, for a microcontroller
+  st       a function block in Structured Text (IEC 61131-3), for a PLC
+  onnx     a model for ONNX runtimes; needs --out
+  sklearn  a Python file that makes a scikit-learn tree
+  json     the tree's own file
+  svg, dot, mermaid, latex, text   drawings
+
+Before anything is written, the export is run on 10,000 observations, a quarter of them on thresholds or one float32
+beside, and has to answer each as the tree does.
+
+exit status: 0 written; 2 the tree, the name or this machine does not allow it, told in one line; 1 the export
+answers otherwise than the tree, and nothing is written.
+"""
+
+
+def export(arguments: list[str]) -> int:
+    """Write a controller in another format, as `export --help` tells; return the exit status."""
+    options = _parser().parse_args(arguments)
+
+    from ge_torchrl.artefacts.controllers import named_controller
+    from ge_torchrl.artefacts.texts import write_whole
+    from ge_torchrl.exports.exporting import exported
+    from ge_torchrl.exports.formats import FORMATS
+    from ge_torchrl.exports.observations import N_OBSERVATIONS
+
+    if options.to not in FORMATS:
+        raise UserError(f"--to must be one of {', '.join(FORMATS)}; got {options.to}")
+    if options.out is None and not FORMATS[options.to].is_text:
+        raise UserError(f"--to {options.to} is no text for a terminal, so expected --out FILE")
+    controller = named_controller(options.path, options.nodes)
+    try:
+        content = exported(controller, options.to, options.name, verify=not options.unverified)
+    except RunFaultError as error:
+        return tell(error)
+    if options.out is None:
+        print(content.decode(), end="")
+        return OK
+    write_whole(options.out, lambda beside: beside.write_bytes(content))
+    how = (
+        ", unverified"
+        if options.unverified
+        else f": it answers {N_OBSERVATIONS:,} observations as the tree does"
+    )
+    print(f"wrote {options.out}{how}")
+    return OK
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog="ge-torchrl export",
+        description="Write a controller as a program, a model, a file or a drawing.",
+        epilog=_FORMATS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("path", metavar="CONTROLLER", type=Path, help="a tree's file, or a run's folder")
+    parser.add_argument("--to", metavar="FORMAT", required=True, help="one of those below")
+    parser.add_argument("--out", metavar="FILE", type=Path, help="default: standard output")
+    parser.add_argument(
+        "--nodes",
+        metavar="N",
+        type=integer_from(0),
+        help="take the tree with N decision nodes from the archive of the run; default: the champion",
+    )
+    parser.add_argument(
+        "--name",
+        default="controller",
+        help="of the function, the function block or the graph; default: controller",
+    )
+    parser.add_argument(
+        "--unverified",
+        action="store_true",
+        help="write it untried, such as C where there is no compiler",
+    )
+    return parser
