@@ -14,20 +14,20 @@ from ge_torchrl.report.thesis.beside import published_beside, published_columns,
 
 
 def by_method(runs: Sequence[Run]) -> Iterator[list[Run]]:
-    """Yield the runs of each environment and method.
+    """Yield the runs of each environment, method and setting.
 
     Args:
-        runs: In the order of environment and method.
+        runs: In this order.
     """
-    for _, members in groupby(runs, key=lambda run: (run.environment, run.method)):
+    for _, members in groupby(runs, key=lambda run: (run.environment, run.label)):
         yield list(members)
 
 
 def runs_tables(runs: Sequence[Run]) -> str:
-    """Return for each environment and method a title and its table of runs in Markdown.
+    """Return for each environment, method and setting a title and its table of runs in Markdown.
 
     Args:
-        runs: In the order of environment and method.
+        runs: In the order of environment, method and setting.
     """
     return "\n\n".join(f"{_title(members)}\n\n{table_of(members)}" for members in by_method(runs))
 
@@ -36,7 +36,7 @@ def table_of(runs: Sequence[Run]) -> str:
     """Return a Markdown table, a row a run, with the thesis' numbers at its right where they are of this method.
 
     Args:
-        runs: Runs of one environment and method.
+        runs: Runs of one environment, method and setting.
     """
     table = runs_table([RunRow.of(run.summary) for run in runs])
     if published := published_beside(runs[0].method, runs[0].environment):
@@ -45,17 +45,17 @@ def table_of(runs: Sequence[Run]) -> str:
 
 
 def overview_table(runs: Sequence[Run]) -> str:
-    """Return a Markdown table, a row an environment and method, with what the thesis found at its right.
+    """Return a Markdown table, a row an environment, method and setting, with what the thesis found at its right.
 
     Args:
-        runs: In the order of environment and method.
+        runs: In the order of environment, method and setting.
     """
     groups = list(by_method(runs))
     table = Table.of(
         ("method", "runs", "solved", "mean test return", "mean M"),
         (
             (
-                f"{members[0].environment} {members[0].method}",
+                f"{members[0].environment} {members[0].label}".replace("|", r"\|"),
                 str(len(members)),
                 solved_text(members),
                 f"{np.mean([run.summary.test_mean for run in members]):.2f}",
@@ -72,7 +72,7 @@ def method_text(runs: Sequence[Run], rng: np.random.Generator) -> str:
     """Return the table of runs, and what it shows.
 
     Args:
-        runs: Runs of one environment and method.
+        runs: Runs of one environment, method and setting.
         rng: Draws the resamples of intervals.
     """
     published = published_beside(runs[0].method, runs[0].environment)
@@ -110,7 +110,7 @@ def interval_text(value: float, interval: Interval, n: int) -> str:
 def _title(runs: Sequence[Run]) -> str:
     first = runs[0].summary
     threshold = "" if first.solved_at is None else f", solved from {first.solved_at:g}"
-    return f"**{runs[0].environment} {runs[0].method}** ({first.test_episodes} test episodes{threshold})"
+    return f"**{runs[0].environment} {runs[0].label}** ({first.test_episodes} test episodes{threshold})"
 
 
 def _warnings(runs: Sequence[Run]) -> list[str]:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 
@@ -25,6 +26,8 @@ from ge_torchrl.report.thesis.figures import pairs_figure, ringed, solving_figur
 from ge_torchrl.report.thesis.pairs import Pair, comparison_text, pair_by_seed, telling_pairs
 
 REPORT = "report.md"
+# A file system ends a name at 255 bytes.
+_LONGEST_NAME = 120
 # Intervals are resampled from here, so that equal artefacts give equal reports.
 _RESAMPLING_SEED = 0
 _ANEW = " A line breaks where the runs begin anew with another population."
@@ -85,31 +88,37 @@ def _described(method: str) -> str:
 
 def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Iterator[str]:
     environment, solved_at = runs[0].environment, runs[0].summary.solved_at
-    methods = {method: list(group) for method, group in groupby(runs, key=lambda run: run.method)}
+    groups = {label: list(group) for label, group in groupby(runs, key=lambda run: run.label)}
     yield f"## {environment}"
     if solved_at is not None:
         episodes = runs[0].summary.test_episodes
         yield f"Solved from a mean return of {solved_at:g} on {episodes} unseen episodes."
-    for method, members in methods.items():
-        yield f"### {environment}: {method}\n\n{method_text(members, rng)}"
+    for label, members in groups.items():
+        yield f"### {environment}: {label}\n\n{method_text(members, rng)}"
+        method = members[0].method
         if refiner := refiner_of(method):
             published = published_beside(method, environment)
             theirs = "" if published is None else f"\n{refinements_of(published)}"
-            yield f"### {environment}: what {refiner} did in {method}\n\n{refinements_text(members)}{theirs}"
-    compared = {method: pairs for method in methods if (pairs := pair_by_seed(runs, method))}
-    for method, pairs in compared.items():
+            yield f"### {environment}: what {refiner} did in {label}\n\n{refinements_text(members)}{theirs}"
+    plain = [run for run in runs if run.method == GE]
+    compared = {
+        label: pairs
+        for label, members in groups.items()
+        if members[0].method != GE and (pairs := pair_by_seed([*members, *plain], members[0].method))
+    }
+    for label, pairs in compared.items():
         if solved_at is not None:
             yield (
-                f"### {environment}: generations to solve, {method} and GE alone\n\n"
+                f"### {environment}: generations to solve, {label} and GE alone\n\n"
                 f"{comparison_text(pairs, solved_at, rng)}"
             )
-    yield from _sizes(methods, output / "figures" / _slug(f"{environment}-sizes"))
-    yield from _figures(methods, output / "figures" / _slug(environment), rng)
-    for method, pairs in compared.items():
+    yield from _sizes(groups, output / "figures" / _slug(f"{environment}-sizes"))
+    yield from _figures(groups, output / "figures" / _slug(environment), rng)
+    for label, pairs in compared.items():
         if solved_at is not None:
-            yield from _pair_figures(pairs, solved_at, output / "figures" / _slug(f"{environment} {method}"))
-    for method, members in methods.items():
-        yield _best_tree(method, best_run(members), output / "trees" / _slug(f"{environment} {method}"))
+            yield from _pair_figures(pairs, solved_at, output / "figures" / _slug(f"{environment} {label}"))
+    for label, members in groups.items():
+        yield _best_tree(label, best_run(members), output / "trees" / _slug(f"{environment} {label}"))
 
 
 def _figures(methods: Mapping[str, Sequence[Run]], stem: Path, rng: np.random.Generator) -> Iterator[str]:
@@ -193,4 +202,5 @@ def _image(path: Path, name: str, caption: str) -> str:
 
 
 def _slug(text: str) -> str:
-    return re.sub(r"[^a-z0-9.]+", "-", text.lower())
+    slug = re.sub(r"[^a-z0-9.]+", "-", text.lower())
+    return slug if len(slug) <= _LONGEST_NAME else f"{slug[:_LONGEST_NAME]}-{crc32(text.encode()):x}"

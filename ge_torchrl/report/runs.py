@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, Refine
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.report.methods import METHODS, method_of
+from ge_torchrl.report.settings import labels_of
 from ge_torchrl.report.sizes import SizedTree, trees_of_archive
 from ge_torchrl.trees.controller import Controller
 
@@ -29,6 +30,8 @@ class Run:
         pruned: The champion.
         full: The champion as its genotype maps to it.
         archive: Its best tree of each size, from small to large; none where it kept no archive.
+        setting: What differs between it and the runs of its environment and method beside it, but the seed; empty
+            where nothing does.
     """
 
     path: Path
@@ -39,6 +42,12 @@ class Run:
     pruned: Controller
     full: Controller
     archive: tuple[ArchiveRecord, ...] = ()
+    setting: str = ""
+
+    @property
+    def label(self) -> str:
+        """The method, and after it the setting that tells runs of it apart."""
+        return f"{self.method}, {self.setting}" if self.setting else self.method
 
     @property
     def method(self) -> str:
@@ -65,7 +74,7 @@ class FoundRuns(NamedTuple):
     """What a folder holds.
 
     Attributes:
-        runs: Runs in the order of environment, method as in `METHODS`, seed and path.
+        runs: Runs in the order of environment, method as in `METHODS`, setting, seed and path.
         unreadable: For every run that cannot be read one line that names it and says why.
     """
 
@@ -74,12 +83,22 @@ class FoundRuns(NamedTuple):
 
     @classmethod
     def in_order(cls, runs: Iterable[Run], unreadable: Iterable[str]) -> FoundRuns:
-        """Return these runs in their order."""
+        """Return these runs in their order, each with the setting that tells it from others."""
 
-        def order(run: Run) -> tuple[str, int, int, Path]:
-            return run.environment, METHODS.index(run.method), run.seed, run.path
+        def order(run: Run) -> tuple[str, int, str, int, Path]:
+            return run.environment, METHODS.index(run.method), run.setting, run.seed, run.path
 
-        return cls(tuple(sorted(runs, key=order)), tuple(unreadable))
+        return cls(tuple(sorted(_told_apart(runs), key=order)), tuple(unreadable))
+
+
+def _told_apart(runs: Iterable[Run]) -> Iterator[Run]:
+    """Yield runs with their settings: what other runs of the same environment and method have otherwise."""
+    alike: dict[tuple[str, str], list[Run]] = {}
+    for run in runs:
+        alike.setdefault((run.environment, run.method), []).append(run)
+    for members in alike.values():
+        for run, setting in zip(members, labels_of([run.config for run in members]), strict=True):
+            yield replace(run, setting=setting)
 
 
 def read_runs(folder: Path) -> FoundRuns:

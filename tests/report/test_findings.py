@@ -16,7 +16,7 @@ def rng():
 @pytest.fixture
 def runs(tmp_path):
     for method in ("GE", "thesis"):
-        write_run(tmp_path / method / "0", method, seed=0, generations=history([9.0]))
+        write_run(tmp_path / method / "0", method, generations=history([9.0]), settings={"generations": 2})
     write_run(tmp_path / "GE" / "1", seed=1, **UNSOLVED)
     write_run(tmp_path / "thesis" / "1", "thesis", seed=1)
     return read_runs(tmp_path).runs
@@ -73,6 +73,25 @@ def test_an_environment_without_threshold_and_thesis(tmp_path):
     assert "Thesis" not in text
     assert "* Mean test return: 487.40. The" in text, "one run gives no interval"
     assert overview_table([run]).splitlines()[-1] == "| Any-v0 thesis | 1 | 487.40 | 53.4 |"
+
+
+def test_runs_of_different_settings_are_never_averaged_together(tmp_path):
+    for number, generations in enumerate((100, 100, 200)):
+        write_run(
+            tmp_path / str(number), seed=number, settings={"generations": generations},
+            test_mean=100.0 * (number + 1), solved=False,
+        )  # fmt: skip
+    runs = read_runs(tmp_path).runs
+    rows = [line.split(" | ") for line in overview_table(runs).splitlines()[2:]]
+    assert [(row[0], row[1], row[3]) for row in rows] == [
+        ("| CartPole-v1 GE, ge.generations=100", "2", "150.00"),
+        ("| CartPole-v1 GE, ge.generations=200", "1", "300.00"),
+    ]
+    titles = [line for line in runs_tables(runs).splitlines() if line.startswith("**")]
+    assert [title.partition("**")[2].partition("**")[0] for title in titles] == [
+        "CartPole-v1 GE, ge.generations=100",
+        "CartPole-v1 GE, ge.generations=200",
+    ]
 
 
 def test_seeds_that_stand_twice_are_noticed(tmp_path):

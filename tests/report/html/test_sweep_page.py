@@ -13,6 +13,7 @@ from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.report.html.sweep_page import groups_of, sweep_page
 from ge_torchrl.report.html.writing import write_pages
 from ge_torchrl.report.jobs import unfinished_jobs
+from ge_torchrl.report.pages import write_report
 from ge_torchrl.report.runs import read_runs
 from ge_torchrl.report.settings import differing, settings_of
 
@@ -86,8 +87,21 @@ def test_long_values_are_told_apart_by_all_of_them(tmp_path):
         values = yaml.safe_load((path / "config.yaml").read_text())
         values["grammar"]["bnf"] = "<dt> ::= " + "leaf | " * 50 + f"leaf{seed}"
         (path / "config.yaml").write_text(yaml.safe_dump(values))
-    _, groups = groups_of(read_runs(tmp_path).runs)
+    runs = read_runs(tmp_path).runs
+    _, groups = groups_of(runs)
     assert len(groups) == 2
+    assert groups[1].label == f"{groups[0].label} (another, 2)"
+    assert [run.setting for run in runs] == [group.label for group in groups]
+
+
+def test_the_report_in_markdown_tells_settings_apart_too(tmp_path):
+    pytest.importorskip("matplotlib")
+    for number, generations in enumerate((100, 100, 200)):
+        write_run(tmp_path / str(number), seed=number, settings={"generations": generations})
+    text = write_report(tmp_path, None, tmp_path / "report").read_text()
+    assert "### CartPole-v1: GE, ge.generations=100\n" in text
+    assert "### CartPole-v1: GE, ge.generations=200\n" in text
+    assert "### CartPole-v1: GE\n" not in text
 
 
 def test_versions_are_told_apart(tmp_path):
