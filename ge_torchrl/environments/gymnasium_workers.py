@@ -22,9 +22,10 @@ from typing import Any, TypeVar
 import gymnasium as gym
 
 from ge_torchrl.environments.gymnasium_runner import Runner, Watch
+from ge_torchrl.environments.making import FAULTS
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.registry import registered_id
-from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec
+from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.interrupts import held_back
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.border import random_action
-from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, make_gymnasium
+from ge_torchrl.environments.making import FAULTS
+from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.seeding import stream
 
 _EPISODES: Final = 8
