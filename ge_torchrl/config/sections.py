@@ -47,7 +47,8 @@ class EnvironmentConfig(Section):
         (),
         distinct=True,
         because="a tree is read by them",
-        doc="Names of the actions, or of the entries of a continuous one; empty means `a0`, `a1`, ...",
+        doc="Names of the actions, or of the entries of a continuous one; empty means `a0`, `a1`, ..., or its values "
+        "where a continuous action is cut into bins, such as `action_minus_1_6`",
     )
     symmetry: Mapping[str, Any] | None = mapping(
         doc="The mirror of the environment, where it has one: `negate`, the features that change their sign in it; "

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.config import EnvironmentConfig
 from ge_torchrl.environments.making import GymEnvironment, make
-from ge_torchrl.environments.naming import feature_names
+from ge_torchrl.environments.naming import action_names, feature_names
 from ge_torchrl.environments.plants.plant import names_plant, read_plant
 from ge_torchrl.environments.suitable import (
     action_bounds,
@@ -120,7 +120,8 @@ def describe(
         features: [D] names; none means those that Gymnasium knows, of the keys of a Dict that was flattened, else
             `x0, x1, ...`.
         units: [D] units; none means no units.
-        actions: [A] names of the actions, or of the entries of a continuous one; none means `a0, a1, ...`.
+        actions: [A] names of the actions, or of the entries of a continuous one; none means those of a plant, the
+            values of a continuous action that is cut into bins, else `a0, a1, ...`.
         solved_at: Mean return from which the task is solved; None takes the environment's registered threshold.
         max_episode_steps: Episode limit; None takes the environment's own.
         kwargs: What else `gym.make` is given; of a plant, what takes the place of numbers in its file.
@@ -202,6 +203,7 @@ def _found(
     environment_id: str, max_episode_steps: int | None, kwargs: Mapping[str, Any], wrappers: Sequence[str]
 ) -> _Found:
     """Make an environment, look at it and close it."""
+    own = read_plant(environment_id, kwargs) if names_plant(environment_id) else None
     environment = make(environment_id, max_episode_steps, kwargs, wrappers)
     try:
         action_space, registered = space_of(environment, "action_space", environment_id), environment.spec
@@ -209,19 +211,14 @@ def _found(
         observed = observed_box(observation_space, environment_id, wrappers)
         bounds = action_bounds(action_space, environment_id, wrappers)
         features = feature_names(environment)
-        units, source = ("",) * len(features), ""
         n_actions = int(action_space.n) if isinstance(action_space, spaces.Discrete) else len(bounds)
-        actions = tuple(f"a{i}" for i in range(n_actions))
+        actions = action_names(environment, n_actions, () if own is None else own.actions.names)
     finally:
         environment.close()
-    if names_plant(environment_id):
-        own = read_plant(environment_id, kwargs)
-        source = own.source
-        # Wrappers may have changed what is observed, or what can be done.
-        if len(features) == len(own.features):
-            features, units = own.features, own.units
-        if n_actions == len(own.actions.names):
-            actions = own.actions.names
+    units = ("",) * len(features)
+    # Wrappers may have changed what is observed.
+    if own is not None and len(features) == len(own.features):
+        features, units = own.features, own.units
     return _Found(
         observed=observed,
         action_bounds=bounds,
@@ -229,7 +226,7 @@ def _found(
         features=features,
         units=units,
         actions=actions,
-        source=source,
+        source="" if own is None else own.source,
         limit=None if registered is None else registered.max_episode_steps,
         solved_at=None if registered is None else registered.reward_threshold,
     )
