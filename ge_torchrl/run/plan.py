@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ge_torchrl.config import Config, EnvironmentConfig
+from ge_torchrl.environments.carrying import carrying_wrappers
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.kernel_choice import has_kernel
 from ge_torchrl.environments.mirroring import check_mirror, refuse_what_is_refuted
@@ -113,10 +114,18 @@ def declared_mirror(env: EnvironmentConfig, spec: EnvironmentSpec) -> tuple[Mapp
 
 def ignores_seeds(spec: EnvironmentSpec) -> str:
     """Return what is to be said of an environment whose episodes do not follow from their seeds."""
+    carrying = carrying_wrappers(spec)
+    why = f"{carried_on(carrying)} in {spec.id}" if carrying else f"{spec.id} ignores reset(seed=...)"
     return (
-        f"{spec.id} ignores reset(seed=...): the same seed gives another episode each time, so trees are not "
-        "compared on common episodes, and a run cannot be repeated."
+        f"{why}: the same seed gives another episode each time, so trees are not compared on common episodes, and a "
+        "run cannot be repeated."
     )
+
+
+def carried_on(wrappers: Sequence[str]) -> str:
+    """Return in words that wrappers make an episode depend on those before it."""
+    carry = "carries" if len(wrappers) == 1 else "carry"
+    return f"env.wrappers: {' and '.join(wrappers)} {carry} state from one episode to the next"
 
 
 def limit_given(spec: EnvironmentSpec, limit: int) -> str:
