@@ -62,6 +62,7 @@ class GymnasiumBackend(Accountable):
     Attributes:
         workers: As given, for others who step the environment in processes of their own.
         processes: Processes that ran trees so far; 1 is this one alone.
+        sampling_processes: Processes that stepped it for TorchRL, as those tell who started them; 0 where none did.
 
     Raises:
         EnvironmentFaultError: The environment breaks its word in its first few hundred steps, or cannot be sent to the
@@ -75,6 +76,7 @@ class GymnasiumBackend(Accountable):
         self.spec = spec
         self.workers = workers
         self.processes = 1
+        self.sampling_processes = 0
         self._n_workers = workers or available_cores()
         self._pool: Workers | None = None
         if workers > 1:

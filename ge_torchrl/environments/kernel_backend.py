@@ -65,6 +65,7 @@ class KernelBackend(Accountable):
     name = "kernel"
     workers = 0
     processes = 1
+    sampling_processes = 0
 
     def __init__(self, spec: EnvironmentSpec, threads: int = 0, ledger: Ledger | None = None) -> None:
         super().__init__(ledger)

@@ -50,7 +50,6 @@ from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller
 
 _logger = logging.getLogger(__name__)
-
 _TESTING = "Testing what was found; Ctrl-C again leaves it untested in the run folder."
 
 
@@ -283,6 +282,7 @@ class _Run:
             version=__version__,
             warnings=tuple(self.warnings),
             workers=self.backend.processes,
+            sampling_workers=self.backend.sampling_processes or None,
         )
 
     def _tell(self, summary: Summary, verdict: Verdict, records: list[ArchiveRecord]) -> None:
