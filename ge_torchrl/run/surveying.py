@@ -59,8 +59,7 @@ class Survey:
         outside = ", ".join(spec.names.features[i] for i in sorted(self.seen.outside))
         yield f"bounds        {f'untrue: {outside}' if outside else f'kept in {self.seen.steps} steps'}"
         if self.mirror is not None:
-            fault = self.mirror.fault
-            yield f"mirror        {f'does not hold: {fault}' if fault else f'holds: {self.mirror.found}'}"
+            yield f"mirror        {self._mirror(self.mirror)}"
         yield f"kernel        {self._kernel()}"
         for route, speed in self.speeds.items():
             yield f"{'speed':<13} {float(f'{speed:.2g}'):,.0f} steps a second, {route}"
@@ -89,6 +88,11 @@ class Survey:
             else "an episode did not end"
         )
         return f"none of its own; {ended}; a run takes {self.seen.limit} steps (env.max_episode_steps)"
+
+    def _mirror(self, verdict: Verdict) -> str:
+        if verdict.fault:
+            return f"does not hold: {verdict.fault}"
+        return f"holds: {verdict.found}" if verdict.is_tried else f"not tried: {verdict.found}"
 
     def _kernel(self) -> str:
         if self.agrees is None:
