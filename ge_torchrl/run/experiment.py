@@ -68,8 +68,9 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
         UserError: The configuration cannot be run, or the environment failed on the way.
         RunFaultError: Something else failed; the best tree so far is in the folder.
     """
-    started = time.perf_counter()
     planned = plan(config)
+    # What was to be found out of the environment beforehand is a part of the run.
+    started = time.perf_counter() - planned.seconds
     console = console or Console(highlight=False)
     is_first = is_first_of_its_kind(planned)
     if is_first:
@@ -79,7 +80,7 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
         if is_first:
             # That happens once, and is no part of what a run may take.
             compile_kernels(planned, backend.name)
-            started = time.perf_counter()
+            started = time.perf_counter() - planned.seconds
         return _Run(planned, backend, output_dir, console, started).to_the_end()
     finally:
         backend.close()
@@ -94,7 +95,7 @@ class _Run:
         given = planned.config.evaluation.steps_per_second
         speed, sums = backend.steps_per_second if given is None else given, planned.tables.grammar.has_sums
         self.config = with_batches(planned.config.resolved(speed, has_sums=sums), backend)
-        self.names, self.notes = planned.spec.names, planned.notes
+        self.names, self.notes, self.looked = planned.spec.names, planned.notes, planned.seconds
         self.console, self.started = console, started
         self.folder = RunFolder.create(output_dir, self.config)
         self.backend = backend
@@ -127,6 +128,9 @@ class _Run:
             self.backend.on_steps = self.progress.beat
             try:
                 stopped_by, evolve_seconds, verdict = self._search_and_choose()
+            except LimitReachedError as limit:
+                small = UserError(self.allowance.too_small(limit.reason, self.looked))
+                raise self._told_with_what_there_is(small) from limit
             except KeyboardInterrupt:
                 ignore_interrupts()
                 saved = self._save_what_there_is()
@@ -157,12 +161,7 @@ class _Run:
 
     def _search_and_choose(self) -> tuple[str, float, Verdict]:
         self.backend.limit = self.allowance.until(Phase.SEARCH)
-        try:
-            stopped_by = self.search.run()
-        except LimitReachedError as limit:
-            raise UserError(
-                f"ge.{limit.reason} must leave room for a first tree, which needs more"
-            ) from limit
+        stopped_by = self.search.run()
         state = self._last_state()
         if stopped_by in ("max_seconds", "max_env_steps"):
             self._tell_of_limit(state, stopped_by)

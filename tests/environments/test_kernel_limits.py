@@ -65,6 +65,36 @@ def test_a_limit_of_steps_ends_a_call_at_the_same_step_on_any_number_of_threads(
     assert allowed <= ends.pop() <= 1.1 * allowed
 
 
+@pytest.mark.parametrize("n_threads", [1, 2])
+@pytest.mark.parametrize("allowed", [100, 700, 3000])
+def test_a_small_limit_ends_an_episode_in_the_middle(allowed, n_threads, opened):
+    backend = opened("CartPole-v1", n_threads)
+    backend.limit = Limit(max_env_steps=allowed)
+    with pytest.raises(LimitReachedError):
+        # Each of 500 steps.
+        backend.evaluate(good_trees(3), np.arange(3), "validation")
+    assert allowed <= backend.steps.total() <= allowed + 1
+
+
+def test_an_episode_may_end_with_the_last_step_that_is_allowed(opened):
+    backend, forest, seeds = opened("CartPole-v1", 1), Forest.stack([leaf(1)]), np.arange(1)
+    n_steps = backend.evaluate(forest, seeds, "test").env_steps
+    backend.limit = Limit(max_env_steps=2 * n_steps)
+    assert backend.evaluate(forest, seeds, "test").env_steps == n_steps
+    backend.limit = Limit(max_env_steps=3 * n_steps - 1)
+    with pytest.raises(LimitReachedError):
+        backend.evaluate(forest, seeds, "test")
+
+
+def test_what_trees_see_begins_only_where_there_is_room_for_it(opened):
+    backend = opened("CartPole-v1", 1)
+    backend.limit = Limit(max_env_steps=100)
+    with pytest.raises(LimitReachedError):
+        backend.observe([leaf(0)] * 2, 60, [np.random.default_rng(0)] * 2, "x")
+    assert backend.steps.total() == 0
+    assert backend.observe([leaf(0)], 60, [np.random.default_rng(0)], "x").shape == (1, 60, 4)
+
+
 def test_what_stays_below_the_limit_is_not_disturbed_by_it(opened):
     free, limited = opened("CartPole-v1", 2), opened("CartPole-v1", 2)
     seeds = np.arange(10)

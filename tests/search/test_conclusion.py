@@ -168,19 +168,25 @@ class TestWhatFits:
         backend.limit = limit = Limit(max_env_steps=backend.steps.total() + whole.env_steps // 2)
         part = self.evaluate(backend)
         n_episodes = part.returns.shape[1]
-        assert 2 <= n_episodes < 64
+        assert 1 <= n_episodes < 64
         np.testing.assert_array_equal(part.returns, whole.returns[:, :n_episodes])
         assert part.leaf_visits.sum() == part.env_steps
         assert backend.limit is limit
 
     @pytest.mark.parametrize("at_least", [1, 2])
-    def test_where_nothing_is_left_the_first_trees_run_a_few_episodes(self, backend, at_least):
+    def test_where_nothing_is_left_the_first_trees_run_an_episode(self, backend, at_least):
         whole = self.evaluate(backend)
         backend.limit = limit = Limit(max_env_steps=1)
         part = self.evaluate(backend, at_least=at_least)
-        np.testing.assert_array_equal(part.returns, whole.returns[:at_least, :2])
+        np.testing.assert_array_equal(part.returns, whole.returns[:at_least, :1])
         assert part.leaf_visits.sum() == part.env_steps
         assert self.evaluate(backend, n_episodes=1).returns.shape == (1, 1)
+        assert backend.limit is limit
+
+    def test_the_utmost_holds_for_the_least_too(self, backend):
+        backend.limit = limit = Limit(max_env_steps=1, utmost=Limit(max_env_steps=2))
+        with pytest.raises(LimitReachedError):
+            self.evaluate(backend)
         assert backend.limit is limit
 
     def test_the_most_promising_contenders_are_validated_first(self, backend):
@@ -188,12 +194,12 @@ class TestWhatFits:
         champion, by_size = chosen(backend, contender(POOR, 40.0), contender(GOOD, 400.0), leaf(0))
         assert champion.full == GOOD
         assert by_size == (champion,)
-        assert champion.validation_returns.shape == (2,)
+        assert champion.validation_returns.shape == (1,)
 
     def test_the_champion_is_tested_both_ways_and_others_where_they_can_be(self, backend):
         problem = problem_of(backend, archive={"keep": 3})
         champion, by_size = choose(problem, [contender(GOOD_WITH_DEAD_BRANCH), contender(POOR)])
         backend.limit = Limit(max_env_steps=1)
         verdict = examine(problem, champion, by_size)
-        assert verdict.test_returns.shape == verdict.test_returns_full.shape == (2,)
+        assert verdict.test_returns.shape == verdict.test_returns_full.shape == (1,)
         assert np.isnan(verdict.test_returns_by_size).all(axis=1).tolist() == [True, False]
