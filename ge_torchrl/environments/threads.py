@@ -87,9 +87,9 @@ class Threads:
             self._ledger.limit = limit
 
     def close(self) -> None:
-        """Release the threads."""
+        """Release the threads, without waiting for one that may never come back from a user's own dynamics."""
         if self._pool is not None:
-            self._pool.shutdown()
+            self._pool.shutdown(wait=False)
 
 
 class _Shared:

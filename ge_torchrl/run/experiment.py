@@ -17,7 +17,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.errors import GrammarError, RunFaultError, UserError
-from ge_torchrl.interrupts import ignore_interrupts
+from ge_torchrl.interrupts import ignore_interrupts, last_words
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.allowance import Allowance, Phase
@@ -126,6 +126,7 @@ class _Run:
                 self.refinements = opened.enter_context(self.folder.refinements_writer())
             self.progress = opened.enter_context(self._progress())
             self.backend.on_steps = self.progress.beat
+            opened.enter_context(last_words(self._save_what_there_is))
             try:
                 stopped_by, evolve_seconds, verdict = self._search_and_choose()
             except LimitReachedError as limit:

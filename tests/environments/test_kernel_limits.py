@@ -10,7 +10,8 @@ import pytest
 from trees_of_all_kinds import PUBLISHED
 
 from ge_torchrl.environments import kernel_backend
-from ge_torchrl.environments.backend import Limit, LimitReachedError
+from ge_torchrl.environments.backend import Ledger, Limit, LimitReachedError
+from ge_torchrl.environments.threads import Task, Threads
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -185,3 +186,30 @@ def test_the_limit_is_looked_at_between_blocks_of_many_episodes_and_blocks_say_t
     np.testing.assert_array_equal(parts.leaf_visits, whole.leaf_visits)
     assert starts == [30, 30, 30, 10]
     assert {0, 1, 2, 3} <= set(looks), "before each block"
+
+
+def test_a_thread_that_does_not_come_back_is_left_behind():
+    ledger, block, begun = Ledger(), threading.Event(), threading.Event()
+    threads = Threads(2, ledger)
+    main = threading.get_ident()
+
+    def task():
+        if threading.get_ident() != main:
+            begun.set()
+            block.wait()
+        else:
+            begun.wait()
+        return 1
+
+    def interrupt(_):
+        if begun.is_set():
+            raise KeyboardInterrupt
+
+    ledger.on_steps = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        threads.run([Task(task)] * 2, "x")
+    ledger.on_steps = lambda _: None
+    threads.run([Task(lambda: 1)] * 3, "again")
+    threads.close()
+    assert ledger.steps["again"] == 3
+    block.set()

@@ -16,7 +16,7 @@ from problems_for_tests import (
     problem_of,
 )
 
-from ge_torchrl.environments.backend import Limit
+from ge_torchrl.environments.backend import Limit, LimitReachedError
 from ge_torchrl.search.archive import POPULATION, REFINEMENT, Archive, offer
 from ge_torchrl.search.conclusion import (
     TEST,
