@@ -4,7 +4,7 @@ Whatever the user mistyped is found by composing every job of the command line i
 one line before Hydra makes a folder.
 """
 
-from ge_torchrl.interrupts import ignore_interrupts, interrupt_again, leave_quietly
+from ge_torchrl.interrupts import ignore_interrupts, interrupt_again, leave_quietly, leave_soon
 
 if __name__ == "__main__":
     leave_quietly()  # Until main takes over.
@@ -289,4 +289,4 @@ def _in_our_words() -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(leave_soon(main()))

@@ -1,14 +1,48 @@
-"""Ctrl-C at both ends of the program, where Python would answer with a traceback, and while processes are started."""
+"""Ctrl-C, where Python would answer with a traceback or not at all.
 
+That is at both ends of the program, while processes are started, and while compiled code runs, which Python cannot
+interrupt.
+"""
+
+import math
 import os
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
 # Whether the process is this program's own.
 _ours: list[bool] = []
+# After Ctrl-C the main thread has so long to hear of it [s]. A kernel's chunk takes a tenth of a second.
+_PATIENCE = 2.0
+# So often one looks whether it did [s].
+_LOOK = 0.1
+# What is saved when it does not hear may take so long [s].
+_SAVING = 5.0
+# After its end the program has so long to leave [s]: a thread may never come back from compiled code.
+_LEAVING = 3.0
+# Functions that save what there is, and say what that is.
+_last_words: list[Callable[[], str]] = []
+
+
+class Stepping:
+    """Since when a step of a user's own dynamics is on its way.
+
+    Attributes:
+        since: By `time.perf_counter`; infinite while there is none.
+    """
+
+    since = math.inf
+
+
+class _Heard:
+    """When the main thread last heard of Ctrl-C, by `time.monotonic`."""
+
+    at = -math.inf
 
 
 def leave_quietly() -> None:
@@ -18,9 +52,23 @@ def leave_quietly() -> None:
 
 
 def interrupt_again() -> None:
-    """Let Ctrl-C raise `KeyboardInterrupt` again where `leave_quietly` was called; elsewhere nothing changes."""
-    if signal.getsignal(signal.SIGINT) is _leave:
+    """Let Ctrl-C raise `KeyboardInterrupt` again where `leave_quietly` was called; elsewhere nothing changes.
+
+    Where the main thread does not hear of it, being in compiled code that does not return, the process ends a few
+    seconds later, with what `last_words` saves.
+    """
+    if signal.getsignal(signal.SIGINT) is not _leave:
+        return
+    if not hasattr(signal, "pthread_sigmask"):
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        return
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with held_back():
+        # Ctrl-C is for the main thread: this one is started deaf to it.
+        threading.Thread(target=_end_what_hears_nothing, args=(reading,), daemon=True).start()
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    signal.signal(signal.SIGINT, _interrupt)
 
 
 def ignore_interrupts() -> None:
@@ -29,9 +77,45 @@ def ignore_interrupts() -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+def leave_soon(status: int) -> int:
+    """Return an exit status; if the process has not ended by itself some seconds later, it ends with that status."""
+    leaving = threading.Timer(_LEAVING, leave_now, [status])
+    leaving.daemon = True
+    leaving.start()
+    return status
+
+
+def leave_now(status: int, told: str = "") -> NoReturn:
+    """End the process, whatever its threads do.
+
+    Args:
+        status: Of the exit.
+        told: Why, for standard error.
+    """
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+    if told:
+        print(f"ge-torchrl: {told}", file=sys.stderr, flush=True)
+    os._exit(status)
+
+
+@contextmanager
+def last_words(save: Callable[[], str]) -> Iterator[None]:
+    """Call a function where Ctrl-C finds the main thread in code that does not return, for as long as this lasts.
+
+    Args:
+        save: Saves what there is, and returns what is to be said of it.
+    """
+    _last_words.append(save)
+    try:
+        yield
+    finally:
+        _last_words.remove(save)
+
+
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Keep Ctrl-C until the end of this; processes that are started meanwhile do not hear it."""
+    """Keep Ctrl-C until the end of this; processes and threads that are started meanwhile do not hear it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -44,3 +128,35 @@ def held_back() -> Iterator[None]:
 
 def _leave(_signal: int, _frame: FrameType | None) -> NoReturn:
     os._exit(130)
+
+
+def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
+    _Heard.at = time.monotonic()
+    raise KeyboardInterrupt
+
+
+def _end_what_hears_nothing(reading: int) -> NoReturn:
+    while True:
+        # Every signal that Python has a handler for writes its number, at once, whatever the main thread does.
+        if signal.SIGINT not in os.read(reading, 100) or signal.getsignal(signal.SIGINT) is not _interrupt:
+            continue
+        pressed = time.monotonic()
+        # It hears of several at once, and may have done so before this thread has its turn.
+        while _Heard.at < pressed - _PATIENCE and time.monotonic() < pressed + _PATIENCE:
+            time.sleep(_LOOK)
+        if _Heard.at < pressed - _PATIENCE:
+            leave_now(130, f"interrupted in code that did not return; {_saved()}")
+
+
+def _saved() -> str:
+    said = ["nothing was saved"]
+
+    def save() -> None:
+        said.append(_last_words[-1]())
+
+    if _last_words:
+        # It may call what does not return either.
+        saving = threading.Thread(target=save, daemon=True)
+        saving.start()
+        saving.join(_SAVING)
+    return said[-1]

@@ -3,7 +3,7 @@
 import os
 import sys
 
-from ge_torchrl.interrupts import leave_quietly
+from ge_torchrl.interrupts import leave_quietly, leave_soon
 
 
 def main() -> int:
@@ -14,4 +14,4 @@ def main() -> int:
         sys.path.insert(0, os.getcwd())  # noqa: PTH109 (pathlib takes time to import)
     from ge_torchrl.__main__ import main as run
 
-    return run()
+    return leave_soon(run())

@@ -12,6 +12,7 @@ CLOCK_FIELDS = frozenset(
         "evolve_seconds",
         "polish_seconds",
         "refine_seconds",
+        "sampling_workers",
         "steps_per_second",
         "variation_seconds",
         "wall_seconds",
@@ -195,6 +196,8 @@ class Summary:
         warnings: What the user was warned of, a line each.
         workers: Processes that ran trees, as `env.workers` counts them: what was asked for or, by the clock, paid; None
             where nobody wrote it down.
+        sampling_workers: Likewise, processes that sampled the environment for PPO; None where none did, because kernels
+            sample or nothing is trained.
         env_steps_total: The sum of `steps`.
     """
 
@@ -230,6 +233,7 @@ class Summary:
     version: str
     warnings: tuple[str, ...] = ()
     workers: int | None = None
+    sampling_workers: int | None = None
     env_steps_total: int = field(init=False)
 
     def __post_init__(self) -> None:

@@ -47,7 +47,8 @@ class EnvironmentConfig(Section):
         (),
         distinct=True,
         because="a tree is read by them",
-        doc="Names of the actions, or of the entries of a continuous one; empty means `a0`, `a1`, ...",
+        doc="Names of the actions, or of the entries of a continuous one; empty means `a0`, `a1`, ..., or its values "
+        "where a continuous action is cut into bins, such as `action_minus_1_6`",
     )
     symmetry: Mapping[str, Any] | None = mapping(
         doc="The mirror of the environment, where it has one: `negate`, the features that change their sign in it; "
@@ -184,15 +185,17 @@ class GEConfig(Section):
     max_seconds: float | None = setting(
         None,
         above=0.0,
-        doc="Time that the whole run may take; null: any. Loading PyTorch takes some seconds of it, so that PPO hardly "
-        "gets a turn below ten or fifteen.",
+        doc="Time that the whole run may take, with the look at the environment before it, which is short where there "
+        "are few seconds; null: any. Compiling kernels, once on a machine, is not counted. Loading PyTorch takes some "
+        "seconds of it, so that PPO hardly gets a turn below ten or fifteen.",
     )
     max_env_steps: int | None = setting(
         None,
         at_least=0,
         because="it counts steps; 0 is no limit",
-        doc="Environment steps that the whole run may take; 0: any; null: any where steps are nearly free, elsewhere "
-        "as many as plain evaluation makes in three minutes; with PPO they take several times as long.",
+        doc="Environment steps that the whole run may take, beside some thousand of the look at the environment before "
+        "it; 0: any; null: any where steps are nearly free, elsewhere as many as plain evaluation makes in three "
+        "minutes; with PPO they take several times as long.",
     )
 
     def check_together(self) -> None:

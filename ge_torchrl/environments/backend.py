@@ -215,6 +215,7 @@ class Backend(Protocol):
         spec: The environment.
         workers: Worker processes that were asked for; 0 leaves it to whoever steps the environment.
         processes: Processes that ran trees so far, as `workers` counts them: 1 is the calling one alone.
+        sampling_processes: Likewise, those that stepped it for TorchRL, where they were most; 0 where none did.
         ledger: Where others count the steps that they make in the environment by themselves.
         limit: How far the run may go; None for no limit.
         on_steps: Called with the number of all steps so far, every second or more often while steps are made.
@@ -224,6 +225,7 @@ class Backend(Protocol):
     spec: EnvironmentSpec
     workers: int
     processes: int
+    sampling_processes: int
     ledger: Ledger
     limit: Limit | None
     on_steps: Callable[[int], None]

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.lean import lean
-from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, make_gymnasium
+from ge_torchrl.environments.making import FAULTS
+from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
 
 _logger = logging.getLogger(__name__)

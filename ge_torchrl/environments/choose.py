@@ -24,8 +24,9 @@ from ge_torchrl.environments.kernels.lanes import (
     REWARD,
     TERMINATED,
 )
+from ge_torchrl.environments.making import FAULTS, GymEnvironment
 from ge_torchrl.environments.plants.plant import names_plant
-from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, GymEnvironment, make_gymnasium
+from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
 
 _Result = TypeVar("_Result")

@@ -37,6 +37,8 @@ _PROBED_STEPS = 200
 # Of a slow environment these are all: of one whose first so many steps take longer [s].
 _FIRST_STEPS = 20
 _FIRST_SECONDS = 0.5
+# Of the slowest these end after so long [s].
+_LONGEST_SECONDS = 5.0
 # Then so many are timed, or as many as half a second takes.
 _TIMED_STEPS = 2000
 _TIMED_SECONDS = 0.5
@@ -62,6 +64,7 @@ class GymnasiumBackend(Accountable):
     Attributes:
         workers: As given, for others who step the environment in processes of their own.
         processes: Processes that ran trees so far; 1 is this one alone.
+        sampling_processes: Processes that stepped it for TorchRL, as those tell who started them; 0 where none did.
 
     Raises:
         EnvironmentFaultError: The environment breaks its word in its first few hundred steps, or cannot be sent to the
@@ -75,6 +78,7 @@ class GymnasiumBackend(Accountable):
         self.spec = spec
         self.workers = workers
         self.processes = 1
+        self.sampling_processes = 0
         self._n_workers = workers or available_cores()
         self._pool: Workers | None = None
         if workers > 1:
@@ -96,25 +100,28 @@ class GymnasiumBackend(Accountable):
         """Act at random; return the steps a second of one process, and the mean length of an episode."""
         border, rng, seeds = self._runner.border, np.random.default_rng(0), itertools.count()
         ended, episodes, started = True, 0, time.perf_counter()
-        n_probed = _PROBED_STEPS
-        for step in range(_PROBED_STEPS + _TIMED_STEPS):
-            if step == _FIRST_STEPS and time.perf_counter() - started > _FIRST_SECONDS:
-                n_probed = min(n_probed, _FIRST_STEPS)
-            if step == n_probed:
-                # How many steps are timed depends on the clock: what the rest of a run knows must not.
-                border.watched_by(Witness(self.spec))
-                started = time.perf_counter()
-            if step > n_probed and time.perf_counter() - started > _TIMED_SECONDS:
-                break
+        n_probed, step = _PROBED_STEPS, 0
+        while step < n_probed + _TIMED_STEPS:
             if ended:
                 border.reset(next(seeds))
                 episodes += 1
             _, _, terminated, truncated = border.step(random_action(self.spec, rng))
-            ended = terminated or truncated
-        steps_per_second = (step - n_probed + 1) / (time.perf_counter() - started)
+            ended, step = terminated or truncated, step + 1
+            seconds = time.perf_counter() - started
+            if step > n_probed and seconds > _TIMED_SECONDS:
+                break
+            if step < _FIRST_STEPS and step < n_probed and seconds > _LONGEST_SECONDS:
+                n_probed = step
+            if step == _FIRST_STEPS and seconds > _FIRST_SECONDS:
+                n_probed = min(n_probed, step)
+            if step == n_probed:
+                # How many steps are timed depends on the clock: what the rest of a run knows must not.
+                border.watched_by(Witness(self.spec))
+                started = time.perf_counter()
+        steps_per_second = (step - n_probed) / (time.perf_counter() - started)
         border.watched_by(self._runner.witness)
         self._runner.witness.report()
-        return steps_per_second, (step + 1) / episodes
+        return steps_per_second, step / episodes
 
     def evaluate(
         self, forest: Forest, seeds: NDArray[np.int64], purpose: str, *, visits: bool = False

@@ -22,9 +22,10 @@ from typing import Any, TypeVar
 import gymnasium as gym
 
 from ge_torchrl.environments.gymnasium_runner import Runner, Watch
+from ge_torchrl.environments.making import FAULTS
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.registry import registered_id
-from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec
+from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.interrupts import held_back
 
@@ -32,6 +33,8 @@ _Result = TypeVar("_Result")
 
 # How often workers count and the calling process looks [s].
 _LOOK_SECONDS = 0.1
+# And a worker whether it may go on [s].
+_WAIT_SECONDS = 0.01
 # After a stop a worker ends with its step; one that takes longer than this is left to itself [s].
 _STOP_SECONDS = 10.0
 
@@ -113,6 +116,7 @@ class Workers:
             context.RawArray("q", n_workers),
             context.RawArray("q", n_workers),
             context.RawValue("b", 0),
+            context.RawValue("d", math.inf),
             context.Value("i", 0),
         )
         self._counted = 0
@@ -135,6 +139,7 @@ class Workers:
             LimitReachedError: The watch said so. Workers have stopped, and their steps are counted.
         """
         futures: list[Future[_Result]] = []
+        self._board.most_steps.value = self._counted + watch.allowance - 1
         try:
             with held_back():
                 futures = [self._pool.submit(_work, task, each) for each in arguments]
@@ -189,12 +194,14 @@ class _Board:
         steps: Steps that each worker made.
         processes: Number of each worker's process.
         stop: Not 0 where work is to end.
+        most_steps: Steps that all workers may make together.
         started: How many workers have taken a place.
     """
 
     steps: Any
     processes: Any
     stop: Any
+    most_steps: Any
     started: Any
 
 
@@ -203,9 +210,10 @@ class _StoppedError(Exception):
 
 
 class _BoardWatch:
-    """The watch of a worker: its steps go to the board, from where the order to stop comes."""
+    """The watch of a worker: its steps go to the board, from where the order to stop comes.
 
-    allowance = math.inf
+    Where few steps are left it looks more often, so that all workers together make hardly more.
+    """
 
     def __init__(self, board: _Board) -> None:
         self._board = board
@@ -213,7 +221,7 @@ class _BoardWatch:
             self._place = board.started.value
             board.started.value += 1
         board.processes[self._place] = os.getpid()
-        self.due = 0.0
+        self.due, self.allowance = 0.0, 1.0
 
     def look(self, n_steps: int) -> None:
         """Count steps; see `Watch`.
@@ -222,13 +230,22 @@ class _BoardWatch:
             _StoppedError: The calling process says so.
         """
         self.count(n_steps)
+        while not self._board.stop.value and self._steps_left() < 0:
+            # The calling process sees that too, and says so.
+            time.sleep(_WAIT_SECONDS)
         if self._board.stop.value:
             raise _StoppedError
         self.due = time.perf_counter() + _LOOK_SECONDS
+        self.allowance = 1 + max(0.0, self._steps_left() // (2 * len(self._board.steps)))
 
     def count(self, n_steps: int) -> None:
         """Count steps; see `Watch`."""
         self._board.steps[self._place] += n_steps
+        self.allowance -= n_steps
+
+    def _steps_left(self) -> float:
+        left: float = self._board.most_steps.value - sum(self._board.steps)
+        return left
 
 
 class _Worker:

@@ -18,6 +18,7 @@ from ge_torchrl.environments.backend import (
     Accountable,
     Backend,
     Ledger,
+    LimitReachedError,
     Outcomes,
     Trajectory,
     available_cores,
@@ -65,6 +66,7 @@ class KernelBackend(Accountable):
     name = "kernel"
     workers = 0
     processes = 1
+    sampling_processes = 0
 
     def __init__(self, spec: EnvironmentSpec, threads: int = 0, ledger: Ledger | None = None) -> None:
         super().__init__(ledger)
@@ -123,14 +125,20 @@ class KernelBackend(Accountable):
         outcomes = Outcomes.empty(len(forest), len(seeds), n_leaves if visits else None)
         starts = self._dynamics.starts(np.ascontiguousarray(seeds, np.int64))
 
-        adding = threading.Lock()
+        adding, cut = threading.Lock(), threading.Event()
 
         def run(trees: tuple[int, int], episodes: tuple[int, int]) -> int:
             counts = np.zeros(n_leaves, np.int64) if visits else _NO_VISITS
+            longest = self.spec.max_episode_steps
+            if self._most_steps(trees, episodes) == longest:
+                # A lone episode, which may be a large part of a small limit: no other one runs beside it then.
+                longest = int(min(longest, self.ledger.steps_left + 1))
             n_steps = run_forest(
-                forest.arrays, self._dynamics.index, self.spec.max_episode_steps, starts, self._bounds,
+                forest.arrays, self._dynamics.index, longest, starts, self._bounds,
                 *trees, *episodes, outcomes.returns, outcomes.lengths, counts,
             )  # fmt: skip
+            if n_steps == longest < self.spec.max_episode_steps:
+                cut.set()
             if outcomes.leaf_visits is not None:
                 with adding:
                     outcomes.leaf_visits[:] += counts
@@ -141,6 +149,8 @@ class KernelBackend(Accountable):
             for trees, episodes in self._chunks(len(forest), len(seeds))
         )
         self._threads.run(tasks, purpose, self._most_steps((0, len(forest)), (0, len(seeds))))
+        if cut.is_set():
+            raise LimitReachedError("max_env_steps")
         self._refuse_what_is_lost(forest, seeds, outcomes)
         return outcomes
 
@@ -202,6 +212,8 @@ class KernelBackend(Accountable):
         """Return what trees see; see `Backend`."""
         forest, n_values = Forest.stack(trees), self._bounds.shape[1]
         self._check(forest)
+        if n_steps * len(trees) > self.ledger.steps_left:
+            raise LimitReachedError("max_env_steps")
         observations = np.empty((len(trees), n_steps, self.spec.n_features), np.float32)
 
         def run(tree: int) -> int:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces, wrappers
 
-from ge_torchrl.environments.spec import GymEnvironment
+from ge_torchrl.environments.making import GymEnvironment
 
 _logger = logging.getLogger(__name__)
 

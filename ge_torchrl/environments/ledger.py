@@ -22,10 +22,12 @@ class Limit:
     Attributes:
         deadline: The moment on the clock of `time.perf_counter` [s].
         max_env_steps: Environment steps of all purposes together; None for no limit.
+        utmost: How far it may go for what it cannot do without; None for any.
     """
 
     deadline: float = math.inf
     max_env_steps: int | None = None
+    utmost: Limit | None = None
 
     def part(self, share: float, done: int) -> Limit:
         """Return how far somebody may go who may take a part of what is left.
@@ -36,7 +38,9 @@ class Limit:
         """
         now, most = time.perf_counter(), self.max_env_steps
         return Limit(
-            now + share * (self.deadline - now), None if most is None else done + int(share * (most - done))
+            now + share * (self.deadline - now),
+            None if most is None else done + int(share * (most - done)),
+            self.utmost,
         )
 
 

@@ -16,12 +16,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.border import Border, Witness, random_action
+from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.mirror_episodes import LONGEST_EPISODE, SIGHTS, Played, episodes, sights
 from ge_torchrl.environments.probing import Policy, random_tree
 from ge_torchrl.environments.settable import Settable, Step, settable
 from ge_torchrl.environments.spec import EnvironmentSpec
@@ -35,12 +36,12 @@ _DEPTH: Final = 2
 _EPISODES: Final = 40
 # Of a state whose signs are all tried.
 _MOST_ENTRIES: Final = 8
-# Thresholds are chosen among what is seen in so many episodes and steps.
-_SIGHTS, _STEPS_OF_A_SIGHT = 8, 30
-# Longer episodes are cut: those of an image are as long, and what is cut is cut alike.
-_LONGEST_EPISODE: Final = 200
-# Slow environments play fewer trees, but two at least [s].
-_SECONDS: Final = 5.0
+# Slow environments play fewer trees, but two at least where that takes no longer than the second figure [s].
+_SECONDS, _LONGEST_SECONDS = 5.0, 20.0
+# Of that, what is seen first may take so much.
+_SIGHTS_SHARE: Final = 0.2
+# Of fewer episodes standard errors tell little.
+_FEWEST_EPISODES: Final = 10
 # Standard errors of a difference. Of LunarLander's mirror, the largest of 200 comparisons was 2.2 to 3.3 in six checks.
 _REFUTED_AT: Final = 5.0
 
@@ -68,30 +69,27 @@ class Verdict:
     Attributes:
         found: What was compared, in words.
         fault: What refutes the mirror, with figures; empty where nothing does.
+        is_tried: Whether enough was compared to tell.
     """
 
     found: str
     fault: str = ""
-
-
-class _Played(NamedTuple):
-    """Episodes: what each returned, [E, 1] float64, and what was seen on the average and at its end, [E, D] float32."""
-
-    total: NDArray[np.float64]
-    mean: NDArray[np.float32]
-    last: NDArray[np.float32]
+    is_tried: bool = True
 
 
 _verdicts: dict[str, Verdict] = {}
 
 
-def check_mirror(spec: EnvironmentSpec, symmetry: Mapping[str, Any], mirror: Mirror) -> Verdict:
+def check_mirror(
+    spec: EnvironmentSpec, symmetry: Mapping[str, Any], mirror: Mirror, seconds: float = math.inf
+) -> Verdict:
     """Compare an environment with its mirror image; done once in a process.
 
     Args:
         spec: The environment.
         symmetry: What was declared.
         mirror: What that makes.
+        seconds: How long it may take where that is less than usual [s].
 
     Raises:
         EnvironmentFaultError: The environment is at fault.
@@ -100,17 +98,18 @@ def check_mirror(spec: EnvironmentSpec, symmetry: Mapping[str, Any], mirror: Mir
     asked = json.dumps(
         [
             (names.id, names.kwargs, names.wrappers, names.max_episode_steps),
-            (dict(symmetry), names.features, names.source),
+            (dict(symmetry), names.features, names.source, seconds),
         ],
         sort_keys=True,
     )
     if asked not in _verdicts:
-        opened = settable(spec)
+        seconds = min(seconds, _LONGEST_SECONDS)
+        opened = settable(spec, seconds)
         by_steps = None
         if opened is not None:
             with closing(opened):
                 by_steps = _by_steps(spec, mirror, opened)
-        _verdicts[asked] = by_steps or _by_returns(spec, mirror)
+        _verdicts[asked] = by_steps or _by_returns(spec, mirror, seconds)
     return _verdicts[asked]
 
 
@@ -190,55 +189,30 @@ def _told(spec: EnvironmentSpec, action: Any) -> str:
     return ", ".join(f"{n} = {value:.4g}" for n, value in zip(spec.names.actions, action, strict=True))
 
 
-def _by_returns(spec: EnvironmentSpec, mirror: Mirror) -> Verdict:
+def _by_returns(spec: EnvironmentSpec, mirror: Mirror, seconds: float) -> Verdict:
     """Let trees play beside their images in the mirror."""
     rng = stream(0, "trees before a mirror")
-    seeds = iter(episode_seeds("training", 2 * _TREES * _EPISODES + _SIGHTS, rng).tolist())
-    deadline, n_trees = time.perf_counter() + _SECONDS, 0
+    seeds = iter(episode_seeds("training", 2 * _TREES * _EPISODES + SIGHTS, rng).tolist())
+    started, n_trees, n_episodes = time.perf_counter(), 0, _EPISODES
+    soon, late = started + min(_SECONDS, seconds), started + seconds
     with closing(Border(spec, Witness(spec))) as border:
-        sights = list(_sights(border, spec, rng, seeds))
-        while n_trees < _TREES and (n_trees < 2 or time.perf_counter() < deadline):
-            tree = random_tree(spec, rng, sights, _DEPTH)
-            own = _episodes(border, tree, seeds)
-            images = _episodes(border, _image(tree, mirror), seeds)
+        seen = list(sights(border, spec, rng, seeds, started + _SIGHTS_SHARE * seconds))
+        while n_trees < _TREES and time.perf_counter() < (late if n_trees < 2 else soon):
+            tree, half = random_tree(spec, rng, seen, _DEPTH), (time.perf_counter() + late) / 2
+            own = episodes(border, tree, seeds, n_episodes, half)
+            images = episodes(border, _image(tree, mirror), seeds, len(own.total), late)
+            if len(images.total) < _FEWEST_EPISODES:
+                break
             # What the image sees, mirrored back, is what the tree sees.
-            images = _Played(images.total, mirror.observations(images.mean), mirror.observations(images.last))
-            fault = _difference(spec.names.features, own, images)
-            if fault:
+            images = Played(images.total, mirror.observations(images.mean), mirror.observations(images.last))
+            if fault := _difference(spec.names.features, own, images):
                 return Verdict("", fault)
-            n_trees += 1
+            n_trees, n_episodes = n_trees + 1, len(images.total)
+    if n_trees == 0:
+        return Verdict(f"{spec.id} steps too slowly", is_tried=False)
     return Verdict(
-        f"{n_trees} random trees and their images saw and returned alike, in {_EPISODES} episodes each"
+        f"{n_trees} random trees and their images saw and returned alike, in {n_episodes} episodes each"
     )
-
-
-def _sights(
-    border: Border, spec: EnvironmentSpec, rng: np.random.Generator, seeds: Iterator[int]
-) -> Iterator[NDArray[np.float32]]:
-    """Yield what is seen where an action is held on to, in a few episodes."""
-    for seed in itertools.islice(seeds, _SIGHTS):
-        border.reset(seed)
-        action, n_steps, ended = random_action(spec, rng), 0, False
-        yield border.array.copy()
-        while not ended and n_steps < _STEPS_OF_A_SIGHT:
-            _, _, terminated, truncated = border.step(action)
-            yield border.array.copy()
-            n_steps, ended = n_steps + 1, terminated or truncated
-
-
-def _episodes(border: Border, policy: Policy, seeds: Iterator[int]) -> _Played:
-    totals, means, lasts = [], [], []
-    for seed in itertools.islice(seeds, _EPISODES):
-        border.reset(seed)
-        total, sums, n_steps, ended = 0.0, border.array.astype(np.float64), 1, False
-        while not ended and n_steps <= _LONGEST_EPISODE:
-            _, reward, terminated, truncated = border.step(policy(border.array))
-            total, sums, n_steps = total + reward, sums + border.array, n_steps + 1
-            ended = terminated or truncated
-        totals.append([total])
-        means.append(sums / n_steps)
-        lasts.append(border.array.copy())
-    return _Played(np.array(totals), np.array(means, np.float32), np.array(lasts))
 
 
 def _image(tree: Policy, mirror: Mirror) -> Policy:
@@ -251,7 +225,7 @@ def _answer(mirror: Mirror, action: Any) -> Any:
     return image.tolist()
 
 
-def _difference(features: Sequence[str], own: _Played, images: _Played) -> str:
+def _difference(features: Sequence[str], own: Played, images: Played) -> str:
     """Return in what a tree and its image differ by more than luck; an empty text where in nothing."""
     seen = [f"{what} {name} =" for what in ("sees", "ends with") for name in features]
     columns = zip(*(np.concatenate(played, axis=1).T for played in (own, images)), strict=True)
@@ -259,7 +233,7 @@ def _difference(features: Sequence[str], own: _Played, images: _Played) -> str:
         if standard_errors_apart(one, other) > _REFUTED_AT:
             return (
                 f"a random tree {what} {one.mean():.5g} on the average and its image in the mirror "
-                f"{other.mean():.5g}, in {len(one)} episodes of {_LONGEST_EPISODE} steps at most, with standard errors "
+                f"{other.mean():.5g}, in {len(one)} episodes of {LONGEST_EPISODE} steps at most, with standard errors "
                 f"of {_error(one):.2g} and {_error(other):.2g}"
             )
     return ""

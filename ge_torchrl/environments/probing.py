@@ -1,7 +1,7 @@
 """What play shows of an environment: the range of each feature, whether episodes end, whether seeds are obeyed.
 
 Everything here depends on the environment alone, with always as many steps, so that every run of it finds the same;
-only of very slow environments fewer steps are made.
+only of very slow environments, or where a run has little time, fewer steps are made.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ _PROBED_STEPS = 3000
 # Where the first steps take longer [s], fewer are made, so that it is done in some ten seconds.
 _TIMED_STEPS = 50
 _PROBED_STEPS_WHERE_SLOW = ((2.5, 100), (0.25, 600))
+# After so long [s] it ends in any case, but not before so many observations: of fewer no grammar could be made.
+_LONGEST_SECONDS = 20.0
+_FEWEST = 10
 # Episodes are cut here, so that several are seen; one that did not end may well never end.
 _LONGEST_EPISODE = 500
 # Steps before trees act, whose thresholds are among what was observed.
@@ -86,36 +89,45 @@ _probes: dict[str, Probe] = {}
 _obedient: dict[str, bool] = {}
 
 
-def probe(spec: EnvironmentSpec) -> Probe:
+def probe(spec: EnvironmentSpec, seconds: float = math.inf) -> Probe:
     """Act at random, then by small random trees, and return what was seen; done once in a process.
+
+    Args:
+        spec: The environment.
+        seconds: How long it may take where that is less than usual [s].
 
     Raises:
         EnvironmentFaultError: The environment is at fault.
     """
-    made = _as_made(spec)
+    made = _as_made(spec, seconds)
     if made not in _probes:
-        _probes[made] = _play(spec)
+        _probes[made] = _play(spec, min(seconds, _LONGEST_SECONDS))
     return _probes[made]
 
 
-def obeys_seeds(spec: EnvironmentSpec) -> bool:
+def obeys_seeds(spec: EnvironmentSpec, seconds: float = math.inf) -> bool:
     """Tell whether the same seed gives the same episode twice, the same actions taken; found out once in a process.
+
+    Args:
+        spec: The environment.
+        seconds: How long it may take where that is less than usual [s].
 
     Raises:
         EnvironmentFaultError: The environment is at fault.
     """
-    made = _as_made(spec)
+    made = _as_made(spec, seconds)
     if made not in _obedient:
         with closing(Border(spec, Witness(spec))) as border:
-            first = _episode(border, spec, _REPEATED_STEPS, _REPEATED_SECONDS)
+            first = _episode(border, spec, _REPEATED_STEPS, min(_REPEATED_SECONDS, seconds / 2))
             _obedient[made] = first == _episode(border, spec, len(first) - 1, math.inf)
     return _obedient[made]
 
 
-def _as_made(spec: EnvironmentSpec) -> str:
+def _as_made(spec: EnvironmentSpec, seconds: float) -> str:
     names = spec.names
     return json.dumps(
-        [names.id, names.kwargs, names.wrappers, names.max_episode_steps, names.source], sort_keys=True
+        [names.id, names.kwargs, names.wrappers, names.max_episode_steps, names.source, seconds],
+        sort_keys=True,
     )
 
 
@@ -133,7 +145,7 @@ def _episode(border: Border, spec: EnvironmentSpec, n_steps: int, seconds: float
     return told
 
 
-def _play(spec: EnvironmentSpec) -> Probe:
+def _play(spec: EnvironmentSpec, seconds: float) -> Probe:
     rng, witness = stream(0, "probe of the environment"), Witness(spec)
     seeds = iter(episode_seeds("training", _PROBED_STEPS, stream(0, "episodes of the probe")).tolist())
     seen: list[NDArray[np.float32]] = []
@@ -149,12 +161,17 @@ def _play(spec: EnvironmentSpec) -> Probe:
                 _, _, terminated, truncated = border.step(policy(seen[-1]))
                 seen.append(border.array.copy())
                 length, ended = length + 1, terminated or truncated
-                # One of two: either may be the first of an episode.
-                if len(seen) in {_TIMED_STEPS, _TIMED_STEPS + 1}:
-                    n_steps = _affordable(spec, time.perf_counter() - started)
+                n_steps = _affordable(n_steps, len(seen), time.perf_counter() - started, seconds)
             ended_all &= ended or length < _LONGEST_EPISODE
             lengths.append(length)
             episode += 1
+        if n_steps < _PROBED_STEPS:
+            _logger.warning(
+                "%s makes %g steps a second here: it was looked at for %d steps before the run.",
+                spec.id,
+                float(f"{n_steps / (time.perf_counter() - started):.2g}"),
+                n_steps,
+            )
     observed = np.array(seen[:n_steps])
     ranges = tuple(_range(spec, feature, column, witness) for feature, column in enumerate(observed.T))
     binary = tuple(
@@ -172,18 +189,16 @@ def _play(spec: EnvironmentSpec) -> Probe:
     )
 
 
-def _affordable(spec: EnvironmentSpec, seconds: float) -> int:
-    """Return how many steps are made where the first ones took so long, and say so where they are few."""
-    for slow, n_steps in _PROBED_STEPS_WHERE_SLOW:
-        if seconds > slow:
-            _logger.warning(
-                "%s makes %.0f steps a second here: it is looked at for %d steps before the run.",
-                spec.id,
-                _TIMED_STEPS / seconds,
-                n_steps,
-            )
-            return n_steps
-    return _PROBED_STEPS
+def _affordable(n_steps: int, n_done: int, seconds: float, at_most: float) -> int:
+    """Return how many of `n_steps` steps are made where the first ones took so long [s]."""
+    if n_done >= _FEWEST and seconds > at_most:
+        return min(n_steps, n_done)
+    # One of two: either may be the first of an episode.
+    if n_done in {_TIMED_STEPS, _TIMED_STEPS + 1}:
+        for slow, few in _PROBED_STEPS_WHERE_SLOW:
+            if seconds > slow:
+                return min(n_steps, few)
+    return n_steps
 
 
 def _policy(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -9,11 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.border import random_action
-from ge_torchrl.environments.spec import FAULTS, EnvironmentSpec, make_gymnasium
+from ge_torchrl.environments.making import FAULTS
+from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.seeding import stream
 
 _EPISODES: Final = 8
 _STEPS: Final = 25
+# Steps are made, made again from their states, and made from the mirrored ones.
+_TIMES_PLAYED: Final = 3
 _OBSERVERS: Final = ("_get_obs", "_get_ob")
 
 
@@ -57,15 +61,18 @@ class Settable:
         )
         self.steps: list[Step] = []
 
-    def play(self) -> None:
-        """Act at random, and write the steps down."""
-        rng = stream(0, "steps to be mirrored")
+    def play(self, seconds: float) -> None:
+        """Act at random, and write the steps down; after so many seconds no more of them."""
+        rng, deadline = stream(0, "steps to be mirrored"), time.perf_counter() + seconds
         for seed in range(_EPISODES):
+            if self.steps and time.perf_counter() > deadline:
+                break
             self._environment.reset(seed=seed)
             state, ended = self._state(), False
             while not ended and len(self.steps) < (seed + 1) * _STEPS:
                 self.steps.append(self._step(state, random_action(self._spec, rng)))
                 state, ended = self._state(), self.steps[-1].terminated
+                ended |= time.perf_counter() > deadline
 
     def is_true(self) -> bool:
         """Tell whether setting a state sets all: then the same steps, in another order, come out the same."""
@@ -122,17 +129,18 @@ class Settable:
             inner.state = state.copy()
 
 
-def settable(spec: EnvironmentSpec) -> Settable | None:
+def settable(spec: EnvironmentSpec, seconds: float) -> Settable | None:
     """Open an environment if its state can be set and observed, and is all there is to it.
 
     Args:
         spec: The environment; with wrappers it is not known what is observed of a state.
+        seconds: How long its steps may take, of which there are fewer then [s].
     """
     if spec.names.wrappers:
         return None
     opened = Settable(spec)
     try:
-        opened.play()
+        opened.play(seconds / _TIMES_PLAYED)
         is_settable = len(opened.steps[0].state) > 0 and opened.is_true()
     except FAULTS:
         # Whatever stands in for a state there, it is none.

@@ -6,23 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
-import yaml
 from gymnasium import spaces
-from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from ge_torchrl.config import EnvironmentConfig
-from ge_torchrl.environments.naming import feature_names
-from ge_torchrl.environments.plants.environment import register_plant
+from ge_torchrl.environments.making import GymEnvironment, make
+from ge_torchrl.environments.naming import action_names, feature_names
 from ge_torchrl.environments.plants.plant import names_plant, read_plant
-from ge_torchrl.environments.registry import find_registered
 from ge_torchrl.environments.suitable import (
     action_bounds,
     float32_bounds,
     observed_box,
-    one_line,
     space_of,
 )
 from ge_torchrl.errors import EnvironmentFaultError
@@ -30,11 +25,6 @@ from ge_torchrl.trees.controller import Names
 
 # An environment without an episode limit of its own gets this one, so that a run always ends.
 UNBOUNDED_EPISODE_STEPS = 100_000
-# What an environment raises is its fault, an attempt to end the program too; Ctrl-C is the user's.
-FAULTS = (Exception, SystemExit)
-
-# What `gym.make` gives: observations and actions are whatever the spaces say.
-GymEnvironment = gym.Env[Any, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +98,9 @@ def make_gymnasium(
         EnvironmentFaultError: It is unknown or cannot be made, with the reason and the remedy where one is known.
     """
     if isinstance(environment, str):
-        return _make(environment, max_episode_steps, {}, (), render_mode)
+        return make(environment, max_episode_steps, {}, (), render_mode)
     limit = environment.max_episode_steps if environment.has_limit else None
-    return _make(environment.id, limit, environment.names.kwargs, environment.names.wrappers, render_mode)
+    return make(environment.id, limit, environment.names.kwargs, environment.names.wrappers, render_mode)
 
 
 def describe(
@@ -130,7 +120,8 @@ def describe(
         features: [D] names; none means those that Gymnasium knows, of the keys of a Dict that was flattened, else
             `x0, x1, ...`.
         units: [D] units; none means no units.
-        actions: [A] names of the actions, or of the entries of a continuous one; none means `a0, a1, ...`.
+        actions: [A] names of the actions, or of the entries of a continuous one; none means those of a plant, the
+            values of a continuous action that is cut into bins, else `a0, a1, ...`.
         solved_at: Mean return from which the task is solved; None takes the environment's registered threshold.
         max_episode_steps: Episode limit; None takes the environment's own.
         kwargs: What else `gym.make` is given; of a plant, what takes the place of numbers in its file.
@@ -142,51 +133,31 @@ def describe(
             Discrete nor a flat Box of floats, or the names do not fit them.
     """
     given = dict(kwargs or {})
-    environment = _make(environment_id, max_episode_steps, given, wrappers, None)
-    try:
-        action_space, registered = space_of(environment, "action_space", environment_id), environment.spec
-        observation_space = space_of(environment, "observation_space", environment_id)
-        observed = observed_box(observation_space, environment_id, wrappers)
-        bounds = action_bounds(action_space, environment_id, wrappers)
-        found_names = feature_names(environment)
-    finally:
-        environment.close()
-    n_features = observed.shape[0]
-    n_actions = int(action_space.n) if isinstance(action_space, spaces.Discrete) else len(bounds)
-    source = ""
-    if names_plant(environment_id):
-        own = read_plant(environment_id, given)
-        source = own.source
-        # Wrappers may have changed what is observed, or what can be done.
-        if n_features == len(own.features):
-            features, units = features or own.features, units or own.units
-        if n_actions == len(own.actions.names):
-            actions = actions or own.actions.names
+    found = _found(environment_id, max_episode_steps, given, wrappers)
+    n_features, n_actions = len(found.features), len(found.actions)
     _check_number("features", features, n_features, environment_id)
     _check_number("units", units, n_features, environment_id)
     _check_number("actions", actions, n_actions, environment_id)
-    limit = registered.max_episode_steps if registered is not None else None
-    threshold = registered.reward_threshold if registered is not None else None
-    low, high = float32_bounds(observed)
+    low, high = float32_bounds(found.observed)
     return EnvironmentSpec(
         id=environment_id,
         names=Names(
             id=environment_id,
-            features=features or found_names,
-            units=units or ("",) * n_features,
-            actions=actions or tuple(f"a{i}" for i in range(n_actions)),
+            features=features or found.features,
+            units=units or found.units,
+            actions=actions or found.actions,
             kwargs=given,
             wrappers=tuple(wrappers),
             max_episode_steps=max_episode_steps,
-            action_bounds=bounds,
-            source=source,
+            action_bounds=found.action_bounds,
+            source=found.source,
         ),
         low=low,
         high=high,
-        max_episode_steps=limit or UNBOUNDED_EPISODE_STEPS,
-        has_limit=limit is not None,
-        first_action=int(action_space.start) if isinstance(action_space, spaces.Discrete) else 0,
-        solved_at=threshold if solved_at is None else solved_at,
+        max_episode_steps=found.limit or UNBOUNDED_EPISODE_STEPS,
+        has_limit=found.limit is not None,
+        first_action=found.first_action,
+        solved_at=found.solved_at if solved_at is None else solved_at,
     )
 
 
@@ -213,81 +184,52 @@ def symmetry_of(env: EnvironmentConfig) -> Mapping[str, Any]:
     return env.symmetry or (read_plant(env.id, env.kwargs).symmetry if names_plant(env.id) else {})
 
 
-def _make(
-    environment_id: str,
-    max_episode_steps: int | None,
-    kwargs: Mapping[str, Any],
-    wrappers: Sequence[str],
-    render_mode: str | None,
-) -> GymEnvironment:
-    given = dict(kwargs) if render_mode is None else {**kwargs, "render_mode": render_mode}
-    if names_plant(environment_id):
-        environment_id, given = register_plant(environment_id, given), {}
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What an environment that was made says of itself; see `EnvironmentSpec`."""
+
+    observed: spaces.Box
+    action_bounds: tuple[tuple[float, float], ...]
+    first_action: int
+    features: tuple[str, ...]
+    units: tuple[str, ...]
+    actions: tuple[str, ...]
+    source: str
+    limit: int | None
+    solved_at: float | None
+
+
+def _found(
+    environment_id: str, max_episode_steps: int | None, kwargs: Mapping[str, Any], wrappers: Sequence[str]
+) -> _Found:
+    """Make an environment, look at it and close it."""
+    own = read_plant(environment_id, kwargs) if names_plant(environment_id) else None
+    environment = make(environment_id, max_episode_steps, kwargs, wrappers)
     try:
-        find_registered(environment_id)
-        # Our own border checks what comes back, and names the seed, step and action with it.
-        environment: GymEnvironment = gym.make(
-            environment_id, max_episode_steps=max_episode_steps, disable_env_checker=True, **given
-        )
-    except EnvironmentFaultError:
-        raise
-    except gym.error.DependencyNotInstalled as error:
-        raise EnvironmentFaultError(
-            f"env.id={environment_id} needs packages that are not installed ({one_line(error)}); "
-            f'for Box2D environments: pip install -c constraints.txt -e ".[box2d]"'
-        ) from error
-    except gym.error.DeprecatedEnv as error:
-        raise EnvironmentFaultError(f"env.id={environment_id}: {one_line(error)}") from error
-    except (gym.error.Error, ImportError) as error:
-        raise EnvironmentFaultError(
-            f"env.id must be the id of an installed Gymnasium environment, as in env.id=CartPole-v1, with the module "
-            f"that registers it in front unless that is Gymnasium itself, as in env.id=module:Name-v0; "
-            f"got {environment_id!r} ({one_line(error)})"
-        ) from error
-    except FAULTS as error:
-        with_kwargs = f" with env.kwargs={dict(kwargs)}" if kwargs else ""
-        raise EnvironmentFaultError(
-            f"env.id={environment_id} raised {error!r} while it was made{with_kwargs}"
-        ) from error
-    for wrapper in wrappers:
-        environment = _wrapped(environment, wrapper)
-    return environment
-
-
-def _wrapped(environment: GymEnvironment, wrapper: str) -> GymEnvironment:
-    """Put a wrapper around an environment; its name is looked up, its arguments are read, nothing is evaluated."""
-    name, _, text = wrapper.partition(" ")
-    if name.count(":") != 1:
-        raise EnvironmentFaultError(
-            f"env.wrappers must be names such as gymnasium.wrappers:FlattenObservation, with one colon; "
-            f"got {wrapper!r}; type env.wrappers='[{_with_colon(name)}]'"
-        )
-    try:
-        arguments = dict(yaml.safe_load(text) if text.strip() else {})
-        wrap: Any = load_env_creator(name)
-        is_wrapper = isinstance(wrap, type) and issubclass(wrap, gym.Wrapper)
-    except (ValueError, TypeError, ImportError, AttributeError, yaml.YAMLError) as error:
-        raise EnvironmentFaultError(
-            f"env.wrappers must be names such as gymnasium.wrappers:FlattenObservation, or with arguments "
-            f'"gymnasium.wrappers:DiscretizeAction {{bins: 7}}"; got {wrapper!r} ({one_line(error)})'
-        ) from error
-    if not is_wrapper:
-        raise EnvironmentFaultError(
-            f"env.wrappers must be subclasses of gymnasium.Wrapper; got {name}, {wrap}"
-        )
-    try:
-        wrapped: GymEnvironment = wrap(environment, **arguments)
-    except FAULTS as error:
-        raise EnvironmentFaultError(
-            f"env.wrappers: {wrapper} raised {error!r} around {environment.unwrapped}"
-        ) from error
-    return wrapped
-
-
-def _with_colon(name: str) -> str:
-    """Return a wrapper's name with a colon in front of its class; one of Gymnasium's own may stand alone."""
-    module, _, wrapper = name.replace(":", ".").rpartition(".")
-    return f"{module or 'gymnasium.wrappers'}:{wrapper}"
+        action_space, registered = space_of(environment, "action_space", environment_id), environment.spec
+        observation_space = space_of(environment, "observation_space", environment_id)
+        observed = observed_box(observation_space, environment_id, wrappers)
+        bounds = action_bounds(action_space, environment_id, wrappers)
+        features = feature_names(environment)
+        n_actions = int(action_space.n) if isinstance(action_space, spaces.Discrete) else len(bounds)
+        actions = action_names(environment, n_actions, () if own is None else own.actions.names)
+    finally:
+        environment.close()
+    units = ("",) * len(features)
+    # Wrappers may have changed what is observed.
+    if own is not None and len(features) == len(own.features):
+        features, units = own.features, own.units
+    return _Found(
+        observed=observed,
+        action_bounds=bounds,
+        first_action=int(action_space.start) if isinstance(action_space, spaces.Discrete) else 0,
+        features=features,
+        units=units,
+        actions=actions,
+        source="" if own is None else own.source,
+        limit=None if registered is None else registered.max_episode_steps,
+        solved_at=None if registered is None else registered.reward_threshold,
+    )
 
 
 def _check_number(what: str, names: tuple[str, ...], expected: int, environment_id: str) -> None:

@@ -87,9 +87,9 @@ class Threads:
             self._ledger.limit = limit
 
     def close(self) -> None:
-        """Release the threads."""
+        """Release the threads, without waiting for one that may never come back from a user's own dynamics."""
         if self._pool is not None:
-            self._pool.shutdown()
+            self._pool.shutdown(wait=False)
 
 
 class _Shared:
@@ -105,6 +105,7 @@ class _Shared:
         self._ledger = ledger
         self._changed = threading.Condition()
         self._most_running = 0
+        self._ahead: Task | None = None
         self.error: BaseException | None = None
 
     def work(self) -> None:
@@ -123,19 +124,25 @@ class _Shared:
     def _take(self) -> Task | None:
         with self._changed:
             # Close to the limit a task waits until it is known how many steps the others made.
-            while 0 < self._most_running >= self._ledger.steps_left:
+            while self._may_go_too_far():
                 self._changed.wait()
-            if self.error is not None:
+            if self.error is not None or self._ahead is None:
                 return None
-            task = next(self._tasks, None)
-            if task is not None:
-                try:
-                    self._ledger.check()
-                except Exception as error:  # noqa: BLE001
-                    self.error = error
-                    return None
-                self._most_running += task.most_steps
+            try:
+                self._ledger.check()
+            except Exception as error:  # noqa: BLE001
+                self.error = error
+                return None
+            task, self._ahead = self._ahead, None
+            self._most_running += task.most_steps
             return task
+
+    def _may_go_too_far(self) -> bool:
+        """Tell whether the next task beside those that run might make more steps than there are."""
+        if self._ahead is None and self.error is None:
+            self._ahead = next(self._tasks, None)
+        next_steps = 0 if self._ahead is None else self._ahead.most_steps
+        return self._most_running > 0 and self._most_running + next_steps > self._ledger.steps_left
 
 
 @contextmanager

@@ -86,6 +86,9 @@ class VectorEnvironment(gym.vector.VectorEnv[NDArray[np.float32], NDArray[Any], 
         rngs: [n] where each copy's episode seeds come from.
         workers: Number of processes; 0 means one for each core where that pays, 1 none but this one.
 
+    Attributes:
+        processes: Number of processes that step the copies; 1 is this one alone.
+
     Raises:
         EnvironmentFaultError: The environment is at fault; raised by `reset` and `step` too.
     """
@@ -110,8 +113,8 @@ class VectorEnvironment(gym.vector.VectorEnv[NDArray[np.float32], NDArray[Any], 
         self._rngs = list(rngs)
         memory = Memory.empty(n, spec.n_features, n_values)
         self._arrays = memory.arrays()
-        n_processes = min(workers or _paying_processes(spec, n), n)
-        edges = np.linspace(0, n, n_processes + 1).astype(int).tolist()
+        self.processes = min(workers or _paying_processes(spec, n), n)
+        edges = np.linspace(0, n, self.processes + 1).astype(int).tolist()
         self._others = [_Other(spec, memory, first, end) for first, end in itertools.pairwise(edges[1:])]
         self._copies = _Copies(spec, self._arrays.part(0, edges[1]))
 

@@ -29,6 +29,7 @@ Constants do not stand anywhere else in a sum.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,7 +37,7 @@ from functools import cached_property
 from ge_torchrl.ge.grammar_checks import check_rules, told_apart
 from ge_torchrl.ge.grammar_reader import read_rules
 from ge_torchrl.ge.offers import ONE, EntryOffer, Offers, SplitOffer
-from ge_torchrl.ge.productions import Constants, Kind, Rule
+from ge_torchrl.ge.productions import Constants, If, Kind, Nonterminal, Production, Rule, terms
 
 
 @dataclass(frozen=True)
@@ -109,10 +110,30 @@ class Grammar:
         is_linear = any(entry.added for entries in self.leaf_offers for entry in entries)
         return "linear" if is_linear else "constant"
 
+    @cached_property
+    def most_splits(self) -> float:
+        """Decision nodes of the largest tree that it derives; infinite where trees hold trees of the same rule."""
+        most = dict.fromkeys(self.rules, 0)
+        for _ in range(len(self.rules) + 1):
+            before = most
+            most = {
+                name: max(_splits_of(of, before) for of in rule.productions)
+                for name, rule in self.rules.items()
+            }
+            if most == before:
+                return most[self.start.name]
+        return math.inf
+
     @property
     def has_sums(self) -> bool:
         """Whether it weighs features, in splits or in leaves."""
         return self.splits == "oblique" or self.leaves == "linear"
+
+
+def _splits_of(production: Production, most: Mapping[str, int]) -> int:
+    inside = list(terms(production))
+    named = (most[term.name] for term in inside if isinstance(term, Nonterminal))
+    return sum(isinstance(term, If) for term in inside) + sum(named)
 
 
 def read_grammar(

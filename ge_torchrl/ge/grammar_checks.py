@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from typing import NoReturn
@@ -60,15 +60,9 @@ def fail(place: Place, message: str) -> NoReturn:
 
 def told_apart(rules: Mapping[str, Rule]) -> dict[str, Rule]:
     """Return the rules with each sum whose first part is a constant as what it is: a value, not a sum of features."""
-    constant: set[str] = set()
-    grew = True
-    while grew:
-        found = {
-            name
-            for name, rule in rules.items()
-            if all(_is_constant(production, constant) for production in rule.productions)
-        }
-        grew, constant = found > constant, found
+    constant = _found(
+        rules, lambda rule, names: all(_is_constant(production, names) for production in rule.productions)
+    )
 
     def replaced(term: Production) -> Production:
         match term:
@@ -93,6 +87,14 @@ def told_apart(rules: Mapping[str, Rule]) -> dict[str, Rule]:
         name: replace(rule, productions=tuple(map(replaced, rule.productions)))
         for name, rule in rules.items()
     }
+
+
+def _found(rules: Mapping[str, Rule], belongs: Callable[[Rule, set[str]], bool]) -> set[str]:
+    """Return the rules that belong to a set because of those that were found to belong before; the first need none."""
+    before, names = None, set[str]()
+    while names != before:
+        before, names = names, {name for name, rule in rules.items() if belongs(rule, names)}
+    return names
 
 
 def _is_constant(production: Production, constant: Container[str]) -> bool:
@@ -159,15 +161,9 @@ def _check_slots(production: Production, kinds: Mapping[str, Kind]) -> None:
 
 
 def _check_productive(rules: Mapping[str, Rule]) -> None:
-    ending: set[str] = set()
-    grew = True
-    while grew:
-        found = {
-            name
-            for name, rule in rules.items()
-            if any(_refers_only_to(ending, production) for production in rule.productions)
-        }
-        grew, ending = found > ending, found
+    ending = _found(
+        rules, lambda rule, names: any(_refers_only_to(names, production) for production in rule.productions)
+    )
     for rule in rules.values():
         if rule.name not in ending:
             fail(rule.place, f"<{rule.name}> never ends: each of its productions leads back to itself")

@@ -85,7 +85,9 @@ def _check_plant(of_tree: Names, env: EnvironmentConfig | None) -> None:
     for key, reads, observes in (("features", "reads", "observes"), ("actions", "answers with", "takes")):
         names, there = getattr(of_tree, key), getattr(now, key)
         is_named_anew = env is not None and getattr(env, key) and set(names) != set(there)
-        if names != there and not is_named_anew:
+        # Bins of a continuous action were mere numbers once.
+        is_numbered = names == tuple(f"a{i}" for i in range(len(there)))
+        if names != there and not is_named_anew and not is_numbered:
             raise ArtefactError(
                 f"the tree {reads} {', '.join(names)}; {of_tree.id} {observes} {', '.join(there)}, because its file "
                 "has changed since the tree was made"

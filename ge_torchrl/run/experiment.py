@@ -17,7 +17,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.errors import GrammarError, UserError
-from ge_torchrl.interrupts import ignore_interrupts
+from ge_torchrl.interrupts import ignore_interrupts, last_words
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.allowance import Allowance, Phase
@@ -108,8 +108,9 @@ def carry_out(
         UserError: The configuration cannot be run, or the environment failed on the way.
         RunFaultError: Something else failed; the best tree so far is kept.
     """
-    started = time.perf_counter()
     planned = plan(config)
+    # What was to be found out of the environment beforehand is a part of the run.
+    started = time.perf_counter() - planned.seconds
     is_first = is_first_of_its_kind(planned)
     if is_first:
         console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
@@ -118,7 +119,7 @@ def carry_out(
         if is_first:
             # That happens once, and is no part of what a run may take.
             compile_kernels(planned, backend.name)
-            started = time.perf_counter()
+            started = time.perf_counter() - planned.seconds
         return _Run(planned, backend, keep, console, observer, started).to_the_end()
     finally:
         backend.close()
@@ -139,7 +140,7 @@ class _Run:
         given = planned.config.evaluation.steps_per_second
         speed, sums = backend.steps_per_second if given is None else given, planned.tables.grammar.has_sums
         self.config = with_batches(planned.config.resolved(speed, has_sums=sums), backend)
-        self.names, self.notes = planned.spec.names, planned.notes
+        self.names, self.notes, self.looked = planned.spec.names, planned.notes, planned.seconds
         self.console, self.observer, self.started = console, observer, started
         self.folder = keep(self.config)
         self.backend = backend
@@ -170,8 +171,12 @@ class _Run:
                 self.refinements: Records = opened.enter_context(self.folder.refinements_writer())
             self.progress = opened.enter_context(self._progress())
             self.backend.on_steps = self.progress.beat
+            opened.enter_context(last_words(self._save_what_there_is))
             try:
                 stopped_by, evolve_seconds, verdict = self._search_and_choose()
+            except LimitReachedError as limit:
+                small = UserError(self.allowance.too_small(limit.reason, self.looked))
+                raise told_of_fault(small, self._save_what_there_is(), self.folder) from limit
             except KeyboardInterrupt:
                 ignore_interrupts()
                 saved = self._save_what_there_is()
@@ -205,12 +210,7 @@ class _Run:
 
     def _search_and_choose(self) -> tuple[str, float, Verdict]:
         self.backend.limit = self.allowance.until(Phase.SEARCH)
-        try:
-            stopped_by = self.search.run()
-        except LimitReachedError as limit:
-            raise UserError(
-                f"ge.{limit.reason} must leave room for a first tree, which needs more"
-            ) from limit
+        stopped_by = self.search.run()
         state = self._last_state()
         if stopped_by in ("max_seconds", "max_env_steps"):
             self._tell_of_limit(state, stopped_by)
@@ -276,6 +276,7 @@ class _Run:
         return self.observer(record, state)
 
     def _save_what_there_is(self) -> str:
+        """Save the best tree so far and the kept ones, and return what to say of them."""
         state = None if self.search.state is None else self._last_state()
         return save_what_there_is(self.problem, self.names, self.folder, state)
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ge_torchrl.config import Config, EnvironmentConfig
+from ge_torchrl.environments.carrying import carrying_wrappers
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.kernel_choice import has_kernel
 from ge_torchrl.environments.mirroring import check_mirror, refuse_what_is_refuted
 from ge_torchrl.environments.plants.plant import names_plant
-from ge_torchrl.environments.probing import obeys_seeds, probe
+from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings, symmetry_of
 from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.generating import choose_grammar
@@ -20,6 +23,9 @@ from ge_torchrl.ge.rule_tables import RuleTables, compile_rules
 from ge_torchrl.refiners.mirror import Mirror
 
 _GENERATED = "generated"
+# Parts of the seconds of a run that may go by before it, while its environment is looked at: how features lie,
+# whether seeds are obeyed, whether the mirror holds.
+_PROBE_SHARE, _SEEDS_SHARE, _MIRROR_SHARE = 0.1, 0.03, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +38,7 @@ class Plan:
         tables: The compiled grammar.
         notes: What the user should know of the environment, a line each.
         mirror: Of the environment; None where none is declared.
+        seconds: How long the environment was looked at, in this call or an earlier one of this process [s].
     """
 
     config: Config
@@ -39,13 +46,17 @@ class Plan:
     tables: RuleTables
     notes: tuple[str, ...] = ()
     mirror: Mirror | None = None
+    seconds: float = 0.0
+
+
+_looked: dict[tuple[Any, ...], float] = {}
 
 
 def plan(config: Config) -> Plan:
     """Check what a configuration promises: that the environment exists and fits, and that the grammar is one.
 
     Where no grammar is given, one is made of what the features are in play. An environment without an episode limit
-    gets one.
+    gets one. Where a run has few seconds, the environment is looked at for a part of them.
 
     Raises:
         EnvironmentFaultError: The environment is unknown or unsuitable, or has no such route.
@@ -53,12 +64,19 @@ def plan(config: Config) -> Plan:
         ConfigError: A mirror is declared that there cannot be, or that the environment does not have.
     """
     spec = describe_settings(config.env)
+    asked, started = (config.env, config.grammar, config.ge.max_seconds), time.perf_counter()
     check_names(spec, config.env)
     if config.env.route == "kernel":
         open_backend(spec, config.env.route, threads=1).close()
-    notes = [] if has_kernel(spec) or obeys_seeds(spec) else [ignores_seeds(spec)]
+    seconds = math.inf if config.ge.max_seconds is None else config.ge.max_seconds
+    obeys = has_kernel(spec) or obeys_seeds(spec, _SEEDS_SHARE * seconds)
+    notes = [] if obeys else [ignores_seeds(spec)]
+
+    def seen() -> Probe:
+        return probe(spec, _PROBE_SHARE * seconds)
+
     if not spec.has_limit:
-        config = replace(config, env=replace(config.env, max_episode_steps=probe(spec).limit))
+        config = replace(config, env=replace(config.env, max_episode_steps=seen().limit))
         notes.append(limit_given(spec, config.env.max_episode_steps or 0))
         spec = describe_settings(config.env)
     chosen = choose_grammar(
@@ -68,8 +86,8 @@ def plan(config: Config) -> Plan:
         spec.names.features,
         spec.names.actions,
         spec.names.action_bounds,
-        ranges=lambda: probe(spec).ranges,
-        binary=lambda: [spec.names.features[i] for i in probe(spec).binary],
+        ranges=lambda: seen().ranges,
+        binary=lambda: [spec.names.features[i] for i in seen().binary],
     )
     if chosen.is_generated:
         config = replace(config, grammar=replace(config.grammar, bnf=chosen.text, name=_GENERATED))
@@ -77,8 +95,12 @@ def plan(config: Config) -> Plan:
     if symmetry and symmetry != config.env.symmetry:
         config = replace(config, env=replace(config.env, symmetry=symmetry))
     if mirror is not None:
-        refuse_what_is_refuted(check_mirror(spec, symmetry, mirror))
-    return Plan(config, spec, compile_rules(chosen.grammar), tuple(notes), mirror)
+        verdict = check_mirror(spec, symmetry, mirror, _MIRROR_SHARE * seconds)
+        refuse_what_is_refuted(verdict)
+        if not verdict.is_tried:
+            notes.append(f"env.symmetry is believed: {verdict.found} to try it.")
+    looked = _looked.setdefault(asked, time.perf_counter() - started)
+    return Plan(config, spec, compile_rules(chosen.grammar), tuple(notes), mirror, looked)
 
 
 def check_names(spec: EnvironmentSpec, env: EnvironmentConfig) -> None:
@@ -113,10 +135,18 @@ def declared_mirror(env: EnvironmentConfig, spec: EnvironmentSpec) -> tuple[Mapp
 
 def ignores_seeds(spec: EnvironmentSpec) -> str:
     """Return what is to be said of an environment whose episodes do not follow from their seeds."""
+    carrying = carrying_wrappers(spec)
+    why = f"{carried_on(carrying)} in {spec.id}" if carrying else f"{spec.id} ignores reset(seed=...)"
     return (
-        f"{spec.id} ignores reset(seed=...): the same seed gives another episode each time, so trees are not "
-        "compared on common episodes, and a run cannot be repeated."
+        f"{why}: the same seed gives another episode each time, so trees are not compared on common episodes, and a "
+        "run cannot be repeated."
     )
+
+
+def carried_on(wrappers: Sequence[str]) -> str:
+    """Return in words that wrappers make an episode depend on those before it."""
+    carry = "carries" if len(wrappers) == 1 else "carry"
+    return f"env.wrappers: {' and '.join(wrappers)} {carry} state from one episode to the next"
 
 
 def limit_given(spec: EnvironmentSpec, limit: int) -> str:

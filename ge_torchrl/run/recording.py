@@ -236,5 +236,6 @@ def summary_of(
         version=__version__,
         warnings=tuple(warnings),
         workers=backend.processes,
+        sampling_workers=backend.sampling_processes or None,
         **spent,
     )

@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from ge_torchrl.config import Config
+from ge_torchrl.environments.carrying import carrying_wrappers
 from ge_torchrl.environments.choose import agrees_with_gymnasium, check_plant
 from ge_torchrl.environments.gymnasium_backend import GymnasiumBackend
 from ge_torchrl.environments.kernel_backend import KernelBackend
@@ -16,7 +17,7 @@ from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
 from ge_torchrl.report.tables import counted
-from ge_torchrl.run.plan import check_names, declared_mirror
+from ge_torchrl.run.plan import carried_on, check_names, declared_mirror
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +28,7 @@ class Survey:
         spec: The environment as it describes itself, with the names of the configuration.
         seen: What play showed.
         obeys_seeds: Whether the same seed gives the same episode twice.
+        carrying: Where it does not, the wrappers because of which.
         agrees: Whether the kernel's steps are those of the installed Gymnasium; None where there is no kernel.
         mirror: What was found of the declared mirror; None where none is declared.
         speeds: Environment steps a second by route: one process of Gymnasium, the kernel on all its threads.
@@ -35,6 +37,7 @@ class Survey:
     spec: EnvironmentSpec
     seen: Probe
     obeys_seeds: bool
+    carrying: tuple[str, ...]
     agrees: bool | None
     mirror: Verdict | None
     speeds: dict[str, float]
@@ -52,12 +55,11 @@ class Survey:
         yield f"action        {self._actions()}"
         yield f"limit         {self._limit()}"
         yield f"solved at     {'no threshold' if spec.solved_at is None else f'a mean return of {spec.solved_at:g}'}"
-        yield f"seeds         {'obeyed: the same seed gives the same episode' if self.obeys_seeds else 'ignored'}"
+        yield f"seeds         {self._seeds()}"
         outside = ", ".join(spec.names.features[i] for i in sorted(self.seen.outside))
         yield f"bounds        {f'untrue: {outside}' if outside else f'kept in {self.seen.steps} steps'}"
         if self.mirror is not None:
-            fault = self.mirror.fault
-            yield f"mirror        {f'does not hold: {fault}' if fault else f'holds: {self.mirror.found}'}"
+            yield f"mirror        {self._mirror(self.mirror)}"
         yield f"kernel        {self._kernel()}"
         for route, speed in self.speeds.items():
             yield f"{'speed':<13} {float(f'{speed:.2g}'):,.0f} steps a second, {route}"
@@ -72,6 +74,11 @@ class Survey:
         )
         return f"{counted(len(names.actions), 'number')}: {', '.join(entries)}"
 
+    def _seeds(self) -> str:
+        if self.obeys_seeds:
+            return "obeyed: the same seed gives the same episode"
+        return f"not obeyed: {carried_on(self.carrying)}" if self.carrying else "ignored"
+
     def _limit(self) -> str:
         if self.spec.has_limit:
             return f"{self.spec.max_episode_steps} steps"
@@ -81,6 +88,11 @@ class Survey:
             else "an episode did not end"
         )
         return f"none of its own; {ended}; a run takes {self.seen.limit} steps (env.max_episode_steps)"
+
+    def _mirror(self, verdict: Verdict) -> str:
+        if verdict.fault:
+            return f"does not hold: {verdict.fault}"
+        return f"holds: {verdict.found}" if verdict.is_tried else f"not tried: {verdict.found}"
 
     def _kernel(self) -> str:
         if self.agrees is None:
@@ -126,4 +138,5 @@ def survey(config: Config) -> Survey:
         with closing(KernelBackend(spec, config.evaluation.threads)) as kernel:
             speeds["kernel"] = kernel.steps_per_second
     verdict = None if mirror is None else check_mirror(spec, symmetry, mirror)
-    return Survey(spec, seen, seeds, agrees, verdict, speeds)
+    carrying = () if seeds else carrying_wrappers(spec)
+    return Survey(spec, seen, seeds, carrying, agrees, verdict, speeds)

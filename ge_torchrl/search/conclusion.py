@@ -46,8 +46,8 @@ FINAL, VALIDATION, TEST = "final refinement", "validation", "test"
 
 # Constants so far away, in both directions, that a settling number may move to at once.
 _STRIDES = (-4, -2, -1, 1, 2, 4)
-# Kept trees that are refined at a time, and episodes that are measured at first, where a limit may end it.
-_TREES_AT_ONCE, _EPISODES_AT_ONCE = 4, 2
+# Kept trees that are refined at a time, and episodes that are measured in any case, where a limit may end it.
+_TREES_AT_ONCE, _EPISODES_AT_ONCE = 4, 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +264,7 @@ def evaluate_what_fits(
 ) -> Outcomes:
     """Run as many of the trees on as many of the episodes as the backend's limit lets them.
 
-    All trees come before many episodes. A few trees on a few episodes are run in any case.
+    All trees come before many episodes. A few trees are run on an episode as far as the limit's utmost goes.
 
     Args:
         problem: What is searched.
@@ -276,6 +276,9 @@ def evaluate_what_fits(
 
     Returns:
         Of the first trees on the first episodes: all of both where there is no limit.
+
+    Raises:
+        LimitReachedError: There is no room for that.
     """
     backend, limit = problem.backend, problem.backend.limit
 
@@ -285,9 +288,11 @@ def evaluate_what_fits(
     if limit is None:
         return evaluate(0, len(trees), seeds)
     done, n_trees = _EPISODES_AT_ONCE, at_least
-    backend.limit = None
-    outcomes = evaluate(0, n_trees, seeds[:done])
-    backend.limit = limit
+    backend.limit = limit.utmost
+    try:
+        outcomes = evaluate(0, n_trees, seeds[:done])
+    finally:
+        backend.limit = limit
     with suppress(LimitReachedError):
         while n_trees < len(trees):
             more = evaluate(n_trees, 2 * n_trees, seeds[:done])

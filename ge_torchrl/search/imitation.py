@@ -65,7 +65,7 @@ def imitations(
         purpose: What the backend counts them under.
         rng: Of all randomness.
     """
-    backend, largest = problem.backend, problem.config.archive.max_nodes
+    backend, largest = problem.backend, _largest(problem)
     first, found = backend.steps.total(), []
     timesteps = min(timesteps, _left(problem))
     with within(backend, _FITTING):
@@ -89,6 +89,11 @@ def imitations(
     return [tree for tree in said if can_derive(tree, problem.tables)]
 
 
+def _largest(problem: Problem) -> int:
+    """Return how many splits a tree may have: what is kept, and what the grammar can say."""
+    return int(min(problem.config.archive.max_nodes, problem.tables.grammar.most_splits))
+
+
 def _left(problem: Problem) -> int:
     """Return about how many environment steps the backend's limit leaves; of seconds as at the speed of before."""
     limit, speed = problem.backend.limit, problem.config.evaluation.steps_per_second or 0.0
@@ -106,7 +111,7 @@ def _fitted(
     backend, first = problem.backend, problem.backend.steps.total()
     most = int(_FITTING * timesteps)
     n_states = max(1, min(_STATES, most // _ROUNDS))
-    size = problem.config.archive.max_nodes * (_LARGER if timesteps >= _STEPS_TO_SHORTEN else 1)
+    size = _largest(problem) * (_LARGER if timesteps >= _STEPS_TO_SHORTEN else 1)
     tried: list[tuple[float, DecisionTree]] = []
     with suppress(LimitReachedError):
         (seen,) = backend.observe([rule], n_states, rng.spawn(1), purpose)

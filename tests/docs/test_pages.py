@@ -7,7 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import default_tables
 import pytest
+import thesis_tables
 from pages_for_tests import PAGES, ROOT, blocks
 from records_for_tests import history, kept, proposal, refinement
 from sweeps_for_tests import write_run
@@ -125,7 +127,7 @@ def sweep(folder, environment, solved_at, methods):
 def test_tables_are_made_of_runs_and_written_between_their_marks(
     results, pages, name, methods, told, tmp_path
 ):
-    for environment, id_ in results.ENVIRONMENTS.items():
+    for environment, id_ in default_tables.ENVIRONMENTS.items():
         sweep(tmp_path / "runs" / name / environment, id_, 475.0, methods)
     folders = ["--folder", str(tmp_path / "runs"), "--figures", str(tmp_path / "figures")]
     results.main([name, "--write", *folders])
@@ -136,17 +138,17 @@ def test_tables_are_made_of_runs_and_written_between_their_marks(
 
 
 def test_generations_to_solve_are_compared_with_the_runs_of_ge_alone(results, pages, tmp_path):
-    for name, ways in results.SOLVING.items():
+    for name, ways in thesis_tables.SOLVING.items():
         for way in ("alone", *ways):
             methods = ["GE"] if way == "alone" else ["GE+PPO"]
-            sweep(tmp_path / "solving" / name / way, results.ENVIRONMENTS[name], 475.0, methods)
+            sweep(tmp_path / "solving" / name / way, default_tables.ENVIRONMENTS[name], 475.0, methods)
     results.main(["solving", "--write", "--folder", str(tmp_path)])
     assert "| MountainCar-v0: individuals | 2 | 2 | 1 | 0.50 (0.50 to 0.50) |" in pages[0].read_text()
 
 
 def test_the_default_is_evaluated_anew(results, pages, tmp_path, monkeypatch):
-    monkeypatch.setattr(results, "EPISODES", 2)
-    monkeypatch.setattr(results, "ENVIRONMENTS", {"cartpole": "CartPole-v1"})
+    monkeypatch.setattr(default_tables, "EPISODES", 2)
+    monkeypatch.setattr(default_tables, "ENVIRONMENTS", {"cartpole": "CartPole-v1"})
     for seed in (0, 1):
         folder = tmp_path / "default" / "cartpole" / str(seed)
         write_run(folder, "GE+PPO+polish", seed=seed, refinements=[refinement(1)], archive=[kept(2, 480.0)])

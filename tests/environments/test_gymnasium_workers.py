@@ -79,8 +79,7 @@ def test_limits_and_signs_of_life_hold_in_worker_processes(open_gymnasium, monke
     backend.limit = Limit(max_env_steps=300)
     with pytest.raises(LimitReachedError):
         backend.evaluate(forest, seeds, "fitness")
-    # Two workers make 1000 steps a second at most and are looked at ten times a second.
-    assert 300 < backend.steps.total() < 900
+    assert 300 < backend.steps.total() <= 310
     beats = []
     backend.on_steps = beats.append
     started = time.perf_counter()

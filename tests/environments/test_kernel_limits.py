@@ -10,7 +10,8 @@ import pytest
 from trees_of_all_kinds import PUBLISHED
 
 from ge_torchrl.environments import kernel_backend
-from ge_torchrl.environments.backend import Limit, LimitReachedError
+from ge_torchrl.environments.backend import Ledger, Limit, LimitReachedError
+from ge_torchrl.environments.threads import Task, Threads
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -63,6 +64,36 @@ def test_a_limit_of_steps_ends_a_call_at_the_same_step_on_any_number_of_threads(
         ends.add(backend.steps.total())
     assert len(ends) == 1
     assert allowed <= ends.pop() <= 1.1 * allowed
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+@pytest.mark.parametrize("allowed", [100, 700, 3000])
+def test_a_small_limit_ends_an_episode_in_the_middle(allowed, n_threads, opened):
+    backend = opened("CartPole-v1", n_threads)
+    backend.limit = Limit(max_env_steps=allowed)
+    with pytest.raises(LimitReachedError):
+        # Each of 500 steps.
+        backend.evaluate(good_trees(3), np.arange(3), "validation")
+    assert allowed <= backend.steps.total() <= allowed + 1
+
+
+def test_an_episode_may_end_with_the_last_step_that_is_allowed(opened):
+    backend, forest, seeds = opened("CartPole-v1", 1), Forest.stack([leaf(1)]), np.arange(1)
+    n_steps = backend.evaluate(forest, seeds, "test").env_steps
+    backend.limit = Limit(max_env_steps=2 * n_steps)
+    assert backend.evaluate(forest, seeds, "test").env_steps == n_steps
+    backend.limit = Limit(max_env_steps=3 * n_steps - 1)
+    with pytest.raises(LimitReachedError):
+        backend.evaluate(forest, seeds, "test")
+
+
+def test_what_trees_see_begins_only_where_there_is_room_for_it(opened):
+    backend = opened("CartPole-v1", 1)
+    backend.limit = Limit(max_env_steps=100)
+    with pytest.raises(LimitReachedError):
+        backend.observe([leaf(0)] * 2, 60, [np.random.default_rng(0)] * 2, "x")
+    assert backend.steps.total() == 0
+    assert backend.observe([leaf(0)], 60, [np.random.default_rng(0)], "x").shape == (1, 60, 4)
 
 
 def test_what_stays_below_the_limit_is_not_disturbed_by_it(opened):
@@ -155,3 +186,30 @@ def test_the_limit_is_looked_at_between_blocks_of_many_episodes_and_blocks_say_t
     np.testing.assert_array_equal(parts.leaf_visits, whole.leaf_visits)
     assert starts == [30, 30, 30, 10]
     assert {0, 1, 2, 3} <= set(looks), "before each block"
+
+
+def test_a_thread_that_does_not_come_back_is_left_behind():
+    ledger, block, begun = Ledger(), threading.Event(), threading.Event()
+    threads = Threads(2, ledger)
+    main = threading.get_ident()
+
+    def task():
+        if threading.get_ident() != main:
+            begun.set()
+            block.wait()
+        else:
+            begun.wait()
+        return 1
+
+    def interrupt(_):
+        if begun.is_set():
+            raise KeyboardInterrupt
+
+    ledger.on_steps = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        threads.run([Task(task)] * 2, "x")
+    ledger.on_steps = lambda _: None
+    threads.run([Task(lambda: 1)] * 3, "again")
+    threads.close()
+    assert ledger.steps["again"] == 3
+    block.set()

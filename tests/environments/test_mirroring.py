@@ -1,11 +1,13 @@
 """A declared mirror is held to the environment, by steps from mirrored states or by what policies and images return."""
 
+import math
 import re
+import time
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from environments_for_tests import register
+from environments_for_tests import TakingEnv, register
 
 from ge_torchrl.environments import mirroring
 from ge_torchrl.environments.mirroring import check_mirror, refuse_what_is_refuted, standard_errors_apart
@@ -162,13 +164,13 @@ def test_small_differences_are_found_where_states_are_set():
 
 
 def test_a_state_that_is_not_all_is_none():
-    assert settable(describe(register(NoisyEnv))) is None
+    assert settable(describe(register(NoisyEnv)), math.inf) is None
     wrapped = describe("CartPole-v1", wrappers=("gymnasium.wrappers:FlattenObservation",))
-    assert settable(wrapped) is None
+    assert settable(wrapped, math.inf) is None
 
 
 def test_a_mirror_is_asked_once(monkeypatch):
-    monkeypatch.setattr(mirroring, "settable", lambda _, opened=[settable]: opened.pop()(_))
+    monkeypatch.setattr(mirroring, "settable", lambda *given, opened=[settable]: opened.pop()(*given))
     symmetry = {"negate": CART, **LEFT_RIGHT}
     assert asked("CartPole-v1", symmetry) is asked("CartPole-v1", symmetry)
 
@@ -178,3 +180,37 @@ def test_equal_returns_are_no_standard_error_apart_and_others_are():
     assert standard_errors_apart(ones, ones) == 0
     assert standard_errors_apart(ones, 2 * ones) > 1000
     assert standard_errors_apart(np.arange(10.0), np.arange(10.0) + 1) == pytest.approx(0.7385, abs=1e-3)
+
+
+@pytest.mark.usefixtures("own_clock")
+@pytest.mark.parametrize(
+    ("taken", "is_tried", "found"),
+    [
+        (0.001, True, r"1 random trees and their images saw and returned alike, in \d\d episodes each"),
+        (0.1, False, r".* steps too slowly"),
+    ],
+)
+def test_of_a_slow_environment_a_mirror_is_tried_for_the_seconds_that_there_are(
+    monkeypatch, taken, is_tried, found
+):
+    monkeypatch.setattr(TakingEnv, "seconds", taken)
+    spec = describe(register(TakingEnv), features=("x", "odd"), actions=("left", "right"))
+    symmetry = {"negate": ["x"], **LEFT_RIGHT}
+    started = time.perf_counter()
+    verdict = check_mirror(spec, symmetry, Mirror.declared(symmetry, spec.names), 10.0)
+    assert time.perf_counter() - started < 11.0
+    assert (verdict.is_tried, verdict.fault) == (is_tried, "")
+    assert re.fullmatch(found, verdict.found)
+
+
+@pytest.mark.usefixtures("own_clock")
+def test_states_are_set_for_the_seconds_that_there_are():
+    class SlowLevelEnv(LevelEnv):
+        def step(self, action):
+            time.sleep(0.1)
+            return super().step(action)
+
+    spec, started = describe(register(SlowLevelEnv)), time.perf_counter()
+    verdict = check_mirror(spec, SLIDING, Mirror.declared(SLIDING, spec.names), 3.0)
+    assert time.perf_counter() - started < 4.0
+    assert re.fullmatch(r"\d\d? steps from mirrored states came out mirrored", verdict.found)

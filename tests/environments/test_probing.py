@@ -1,11 +1,16 @@
 """What play shows of an environment."""
 
+import math
+import re
+import time
+
 import numpy as np
 import pytest
 from environments_for_tests import (
     BreakoutEnv,
     CountdownEnv,
     EndlessEnv,
+    TakingEnv,
     ThrustEnv,
     UnseededEnv,
     WalkEnv,
@@ -85,7 +90,29 @@ def test_of_a_slow_environment_fewer_steps_are_made_and_that_is_said(monkeypatch
     monkeypatch.setattr(probing, "_PROBED_STEPS_WHERE_SLOW", ((0.0, n_steps),))
     found = probe(describe("CartPole-v1"))
     assert found.steps == n_steps
-    assert f"it is looked at for {n_steps} steps before the run" in caplog.text
+    (record,) = caplog.records
+    assert f"it was looked at for {n_steps} steps before the run" in record.getMessage()
+
+
+@pytest.mark.parametrize(("seconds", "n_steps"), [(3.0, 30), (0.3, 10), (math.inf, 100)])
+@pytest.mark.usefixtures("own_clock")
+def test_a_look_ends_after_the_seconds_that_it_has_but_for_a_few_steps(monkeypatch, caplog, seconds, n_steps):
+    monkeypatch.setattr(TakingEnv, "seconds", 0.1)
+    found = probe(describe(register(TakingEnv)), seconds)
+    assert n_steps <= found.steps <= n_steps + 2
+    (record,) = caplog.records
+    assert re.search(
+        rf"makes 1\d steps a second here: it was looked at for {found.steps} steps", record.getMessage()
+    )
+    assert np.isfinite(found.ranges).all()
+
+
+@pytest.mark.usefixtures("own_clock")
+def test_seeds_are_tried_for_the_seconds_that_there_are(monkeypatch):
+    monkeypatch.setattr(TakingEnv, "seconds", 0.1)
+    described, started = describe(register(TakingEnv)), time.perf_counter()
+    assert obeys_seeds(described, 1.0)
+    assert 0.9 < time.perf_counter() - started < 1.3
 
 
 def test_a_slow_episode_is_repeated_in_part(monkeypatch):

@@ -1,5 +1,6 @@
 """TorchRL sees what the Gymnasium backend sees, copy by copy (law 5)."""
 
+import multiprocessing
 import os
 
 import faulty_environments as faulty
@@ -161,6 +162,16 @@ def test_a_process_that_dies_is_one_line(monkeypatch):
     environment = make_torchrl_env(describe(register(faulty.DyingEnv)), 2, workers=2)
     with pytest.raises(EnvironmentFaultError, match=r"worker process.*died.*env\.workers=1"):
         collected(environment, leaf(0), 3)
+    environment.close()
+
+
+@pytest.mark.parametrize(("workers", "processes"), [(1, 1), (2, 2), (0, 3), (9, 6)])
+def test_processes_are_as_many_as_asked_or_as_cores_where_they_pay(monkeypatch, workers, processes):
+    monkeypatch.setattr(vector_env, "available_cores", lambda: 3)
+    before = len(multiprocessing.active_children())
+    environment = make_torchrl_env(describe(register(faulty.SlowStepEnv)), 6, workers=workers)
+    assert environment.processes == processes
+    assert len(multiprocessing.active_children()) - before == processes - 1
     environment.close()
 
 

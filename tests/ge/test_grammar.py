@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from grammars_for_tests import ACTIONS, CARTPOLE, FEATURES, cartpole_like
@@ -13,6 +15,26 @@ def constants_of(text):
     grammar = read_grammar(f"<a> ::= if lt(f0, {text}) then a0 else a1", FEATURES, ACTIONS)
     (constants,) = grammar.constants[0]
     return constants
+
+
+@pytest.mark.parametrize(
+    ("text", "most"),
+    [
+        ("<t> ::= a0 | a1", 0),
+        ("<t> ::= if lt(f0, 0) then a0 else a1", 1),
+        (
+            "<t> ::= if <c> then <u> else <u>\n<u> ::= a0 | if <c> then a0 else a1\n<c> ::= lt(f0, 0) | lt(f1, 0)",
+            3,
+        ),
+        ("<t> ::= a0 | if lt(f0, 0) then if lt(f1, 0) then a0 else a1 else if lt(f1, 1) then a2 else a1", 3),
+        ("<t> ::= a0 | if lt(f0, 0) then <t> else a1", math.inf),
+        ("<t> ::= if lt(f0, 0) then <u> else a1\n<u> ::= a0 | if lt(f1, 0) then <u> else <u>", math.inf),
+        # Sums that hold sums make no tree larger.
+        ("<t> ::= if lt(<s>, 0) then a0 else a1\n<s> ::= f0 | 2 * f1 + <s>", 1),
+    ],
+)
+def test_the_most_splits_of_a_tree_are_known(text, most):
+    assert read_grammar(text, FEATURES, ACTIONS).most_splits == most
 
 
 def test_reads_terms_nested_in_one_line():

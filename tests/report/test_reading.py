@@ -106,3 +106,15 @@ def test_names_of_the_users_own_are_not_asked_for(made):
     before = evaluate(run, 3, 0)
     write_plant(features=("x", "v"), actions=("left", "right"))
     assert evaluate(run, 3, 0) == before
+
+
+def test_a_tree_whose_bins_were_mere_numbers_is_measured_as_before(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    wrappers = ("gymnasium.wrappers:DiscretizeAction {bins: 3}",)
+    write_plant(actions=PUSH)
+    numbers = describe(PLANT, wrappers=wrappers, actions=("a0", "a1", "a2")).names
+    path = tmp_path / "of_before.json"
+    write_controller(path, Controller(split(0, 0.0, leaf(2), leaf(0)), numbers))
+    before = evaluate(path, 3, 0)
+    Path("mine.py").write_text(Path("mine.py").read_text() + "# The same by another text.\n")
+    assert evaluate(path, 3, 0) == before

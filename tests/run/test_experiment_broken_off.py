@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 from runs_for_tests import assert_untested, config, run
 
+from ge_torchrl import interrupts
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.errors import EnvironmentFaultError, GrammarError, RunFaultError
 from ge_torchrl.run import experiment
@@ -69,6 +70,20 @@ class TestInterrupt:
         summary, output = run(settings, tmp_path / "run")
         assert (summary.stopped_by, summary.generations) == ("generations", 2)
         assert "Ctrl-C again leaves it untested" in output
+
+    def test_where_the_main_thread_does_not_hear_of_it_there_are_last_words(self, tmp_path, monkeypatch):
+        original, said = experiment.Progress.show, []
+
+        def asked(self, record):
+            original(self, record)
+            if record.generation == 3:
+                said.append(interrupts._saved())
+                assert_untested(RunFolder(tmp_path / "run"))
+
+        monkeypatch.setattr(experiment.Progress, "show", asked)
+        run(config(ge={"generations": 5}), tmp_path / "run")
+        assert said == [f"the best tree so far is in {tmp_path / 'run'}, untested"]
+        assert interrupts._saved() == "nothing was saved"
 
     def test_before_the_first_generation_there_is_nothing_to_keep(self, tmp_path, monkeypatch):
         def impatient(*_):

@@ -1,5 +1,6 @@
 """Limits hold over a whole run: the first generation, refinement, validation and test are all within them."""
 
+import re
 import time
 
 import pytest
@@ -8,7 +9,9 @@ from runs_for_tests import config, run
 from walks_for_tests import BNF, SlowWalkEnv, registered
 
 from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.environments import mirroring, probing
 from ge_torchrl.errors import UserError
+from ge_torchrl.run import plan as planning
 
 # All that a run can do, at sizes that no limit of these tests allows.
 EVERYTHING = {
@@ -86,14 +89,27 @@ class TestKernel:
         assert (summary.stopped_by, summary.generations) == ("max_env_steps", 1)
         assert summary.env_steps_total <= 1.1 * max_env_steps
 
-    @pytest.mark.parametrize("limit", [{"max_env_steps": 10}, {"max_seconds": 1e-6}])
-    def test_where_no_tree_can_be_measured_that_is_told_in_one_line(self, tmp_path, limit):
+    @pytest.mark.parametrize(
+        ("limit", "enough"), [({"max_env_steps": 10}, r"\d+000"), ({"max_seconds": 1e-6}, r"\d+")]
+    )
+    def test_where_no_tree_can_be_measured_that_is_told_in_one_line(self, tmp_path, limit, enough):
         (name,) = limit
-        with pytest.raises(
-            UserError, match=rf"ge\.{name} must leave room for a first tree.*no tree was"
-        ) as raised:
+        told = (
+            rf"ge\.{name}=10?.* must leave room for a first tree.*; type ge\.{name}=({enough}); no tree was"
+        )
+        with pytest.raises(UserError, match=told) as raised:
             limited(tmp_path / "run", limit)
         assert "\n" not in str(raised.value)
+        (number,) = re.search(told, str(raised.value)).groups()
+        summary, _ = limited(tmp_path / "again", {name: int(number)})
+        assert summary.stopped_by == name
+
+    def test_a_tree_that_there_is_no_room_to_test_is_saved(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("ge_torchrl.run.allowance._UTMOST", 1e-3)
+        with pytest.raises(
+            UserError, match=r"type ge\.max_env_steps=.*; the best tree so far is in .*, untested"
+        ):
+            limited(tmp_path / "run", {"max_env_steps": 3000})
 
 
 @pytest.mark.usefixtures("compiled")
@@ -134,3 +150,46 @@ class TestSlowEnvironment:
         assert summary.stopped_by == "max_env_steps"
         assert 10_500 < summary.env_steps_total <= 16_500
         assert summary.refined > 0
+
+    @pytest.mark.parametrize(("workers", "max_env_steps"), [(1, 900), (1, 2000), (2, 900)])
+    def test_few_steps_hold_where_episodes_are_long(
+        self, tmp_path, slow, monkeypatch, workers, max_env_steps
+    ):
+        monkeypatch.setattr(SlowWalkEnv, "seconds", 0.0)
+        ge, few = (
+            {"max_env_steps": max_env_steps, "population_size": 10},
+            {**self.FEW["evaluation"], "episodes": 8},
+        )
+        env = {**slow, "workers": workers}
+        summary, _ = limited(tmp_path / "run", ge, env, **{**self.FEW, "evaluation": few})
+        assert summary.stopped_by == "max_env_steps"
+        assert summary.env_steps_total <= 1.1 * max_env_steps
+
+
+def test_a_look_at_the_environment_is_within_the_seconds(tmp_path, monkeypatch):
+    for module, memory in (
+        (probing, "_probes"),
+        (probing, "_obedient"),
+        (mirroring, "_verdicts"),
+        (planning, "_looked"),
+    ):
+        monkeypatch.setattr(module, memory, {})
+    with registered(SlowWalkEnv, max_episode_steps=10) as env, OwnClock().ticking():
+        monkeypatch.setattr(SlowWalkEnv, "seconds", 0.05)
+        started = time.perf_counter()
+        asked = config(
+            env={**env, "symmetry": {"negate": ["x0"], "actions": {"a0": "a1"}}},
+            grammar={"bnf": None},
+            ge={**ENDLESS, "max_seconds": 30.0},
+            evaluation={**MANY, "episodes": 2, "steps_per_second": None},
+            archive=EVERYTHING["archive"],
+        )
+        # As the command line does it, to tell mistakes before a folder is made.
+        planning.plan(asked)
+        assert 2.0 < time.perf_counter() - started < 10.0
+        summary, shown = run(asked, tmp_path / "run")
+        seconds = time.perf_counter() - started
+    assert summary.stopped_by == "max_seconds"
+    assert 20.0 < seconds < 33.0
+    assert summary.wall_seconds == pytest.approx(seconds, abs=2.0)
+    assert "warning: env.symmetry is believed: Walk-v0 steps too slowly to try it." in shown

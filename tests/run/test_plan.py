@@ -99,6 +99,14 @@ def test_an_environment_that_ignores_its_seeds_is_told():
     assert note.startswith("TestUnseededEnv-v0 ignores reset(seed=...)")
 
 
+def test_a_wrapper_that_carries_state_is_told_and_not_the_environment():
+    wrapper = "gymnasium.wrappers:NormalizeObservation"
+    (note,) = plan(any_environment("CartPole-v1", wrappers=(wrapper,))).notes
+    assert note.startswith(
+        f"env.wrappers: {wrapper} carries state from one episode to the next in CartPole-v1: the same seed gives"
+    )
+
+
 def test_a_mirror_that_the_environment_does_not_have_is_refused_with_figures():
     mirror = {"negate": list(FEATURES), "actions": {"left": "right"}}
     assert plan(config_of(env={"symmetry": mirror})).mirror is not None

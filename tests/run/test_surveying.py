@@ -50,6 +50,13 @@ def test_a_survey_tells_what_is_not_as_it_should_be():
     assert "bounds        untrue: x1" in text
 
 
+def test_a_survey_tells_which_wrapper_carries_state():
+    wrapper = "gymnasium.wrappers:NormalizeReward"
+    text = survey(bare("Pendulum-v1", wrappers=(wrapper,))).as_text()
+    told = f"seeds         not obeyed: env.wrappers: {wrapper} carries state from one episode to the next"
+    assert told in text.splitlines()
+
+
 def test_one_number_is_one():
     text = survey(bare("Pendulum-v1")).as_text()
     assert "action        1 number: a0 from -2 to 2" in text.splitlines()

@@ -14,7 +14,6 @@ from problems_for_tests import (
     POOR_MOVED,
     POORER,
     Analytic,
-    Noting,
     contender,
     leaf,
     problem_of,
@@ -25,11 +24,6 @@ from ge_torchrl.search.archive import ARCHIVE, Archive, digest, leaders, offer, 
 from ge_torchrl.search.fitness import archive_seeds, fitness_of
 from ge_torchrl.search.population import Population
 from ge_torchrl.trees.forest import Forest
-
-
-@pytest.fixture
-def backend(opened):
-    return Noting(opened)
 
 
 def keeping(backend, evaluation=(), **archive):

@@ -74,6 +74,23 @@ def test_in_a_mirror_it_is_its_own_image_and_the_grammar_says_it(seed):
         assert can_derive(tree, of.tables)
 
 
+@pytest.mark.parametrize(
+    ("action", "mirrored", "most"),
+    [
+        ("left | right", False, 1),
+        ("left | right", True, 1),
+        ("left | right | if <condition> then <leaf> else <leaf>\n<leaf> ::= left | right", False, 3),
+    ],
+)
+def test_where_the_grammar_says_few_splits_it_has_as_few(action, mirrored, most):
+    """What is fitted with more of them is nothing that the grammar could say."""
+    of = problem(mirrored, bnf=BNF.replace("left | right | <if>", action))
+    for tree in imitated(of):
+        assert tree.num_decision_nodes <= most
+        assert can_derive(tree, of.tables)
+    assert value(imitated(of)[0]) > 70
+
+
 def test_where_the_grammar_says_nothing_like_it_nothing_comes_of_it():
     one_split = BNF.replace("left | right | <if>", "left | right").replace(
         "x | x_dot | theta | theta_dot", "theta"

@@ -10,7 +10,6 @@ from problems_for_tests import (
     POOR,
     Analytic,
     Answers,
-    Noting,
     leaf,
     moved_by,
     problem_of,
@@ -35,11 +34,6 @@ from ge_torchrl.trees.forest import Forest
 # The refiner is due in every second generation, a polish in every third.
 REFINES, POLISHES, BOTH, NEITHER = 2, 3, 6, 1
 TESTS_POSITION = split(0, 0.0, split(3, 0.1, leaf(0), leaf(1)), leaf(1))
-
-
-@pytest.fixture
-def backend(opened):
-    return Noting(opened)
 
 
 def refine(backend, answers, trees, generation=REFINES, polishes=None, evaluation=(), **refiner):

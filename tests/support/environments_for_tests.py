@@ -117,6 +117,18 @@ class SlowEnv(EndlessEnv):
         return super().step(action)
 
 
+class TakingEnv(WalkEnv):
+    """The walk without ends, alike on both sides, whose steps take as long as they are told to."""
+
+    seconds = 0.0
+
+    def step(self, action):
+        time.sleep(self.seconds)
+        observation, _, _, *rest = super().step(action)
+        self.place = max(-4, min(4, self.place))
+        return (observation, float(abs(self.place)), False, *rest)
+
+
 class PicturesEnv(CountdownEnv):
     """Observes a matrix, which a tree cannot split."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -12,6 +13,14 @@ ROOT = Path(__file__).resolve().parents[2]
 CART = "docs/examples/plant.py:Cart"
 MOTOR = "docs/examples/motor.py:Motor"
 
+# The least that a user's own class has.
+GOOD = {
+    "features": '{"x": "m", "v": "m/s"}',
+    "actions": '("left", "right")',
+    "start": "[(-1, 1), 0.0]",
+    "max_episode_steps": "50",
+    "step": "lambda state, action: (state, 1.0, False)",
+}
 PLANTS = '''
 """Plants of all kinds."""
 
@@ -181,3 +190,10 @@ def in_plain_python(path: Path, name: str, state: tuple[float, ...], action: Any
         slopes = zip(first, second, third, fourth, strict=True)
         after = ahead(tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in slopes), dt)
     return after, plant.reward(after, action), plant.terminated(after)
+
+
+def text_of(values: Mapping[str, str]) -> str:
+    """Return the text of a file with the class `Mine`, which has these values."""
+    return "import numpy as np\nclass Mine:\n" + "".join(
+        f"    {name} = {value}\n" for name, value in values.items()
+    )

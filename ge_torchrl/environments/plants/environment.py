@@ -5,7 +5,9 @@ gymnasium.make(register_plant("plant.py:Cart"))
 
 from __future__ import annotations
 
+import math
 import re
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,6 +17,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from ge_torchrl.environments.plants.kernel import first_states, plant_kernel
+from ge_torchrl.interrupts import Stepping
 
 _Observation = NDArray[np.float32]
 _State = NDArray[np.float64]
@@ -78,7 +81,9 @@ class PlantEnvironment(gym.Env[_Observation, Any]):
         Raises:
             FloatingPointError: State, observation or reward is infinite or no number.
         """
+        Stepping.since = time.perf_counter()
         self._state, seen, reward, terminated, is_finite = self._kernel.step(self._state, self._given(action))
+        Stepping.since = math.inf
         if not is_finite:
             raise FloatingPointError(
                 f"the step gave back what is infinite or no number: state {self._state}, observation {seen}, "

@@ -69,8 +69,10 @@ class CollectorSource:
         n_values = spec.n_actions if spec.is_continuous else 0
         of_copies = [rng for own in self._rngs for rng in own.spawn(copies)]
         self._draws = Draws([own.spawn(1)[0] for own in self._rngs], copies, n_values)
+        environment = make_torchrl_env(spec, len(of_copies), of_copies, self._backend.workers)
+        self._backend.sampling_processes = max(self._backend.sampling_processes, environment.processes)
         self._collector = Collector(
-            make_torchrl_env(spec, len(of_copies), of_copies, self._backend.workers),
+            environment,
             make_actor(self._ddt, self._draws),
             frames_per_batch=piece * len(of_copies),
             total_frames=-1,

@@ -7,6 +7,22 @@ from ge_torchrl.refiners.rl.actor_critic import ValueNetworks
 from ge_torchrl.refiners.rl.ddt import soften
 
 
+def naive_targets(samples, value, settings):
+    """What the critic should say and the standardised advantages, of one stream of samples."""
+    seen, then = samples["observation"], samples["next", "observation"]
+    reward, done, terminated = (
+        samples["next", key].squeeze(-1).double() for key in ("reward", "done", "terminated")
+    )
+    with torch.no_grad():
+        now, later = value(seen).double(), value(then).double()
+    delta = reward + settings.gamma * (1 - terminated) * later - now
+    advantage = torch.zeros_like(delta)
+    for t in range(len(delta) - 1, -1, -1):
+        beyond = advantage[t + 1] if t + 1 < len(delta) else 0.0
+        advantage[t] = delta[t] + settings.gamma * settings.gae_lambda * (1 - done[t]) * beyond
+    return (advantage + now).float(), ((advantage - advantage.mean()) / advantage.std()).float()
+
+
 def naive_parameters(tree, seed, settings):
     """One tree trained by formulas written out: no stack, no padding, no TorchRL."""
     rngs = generators([seed])
@@ -40,19 +56,7 @@ def naive_parameters(tree, seed, settings):
 
     for batch in range(settings.max_timesteps // settings.update_timesteps):
         samples = drawn_samples(1000 * batch + seed, settings.update_timesteps)
-        seen, then = samples["observation"], samples["next", "observation"]
-        reward, done, terminated = (
-            samples["next", key].squeeze(-1).double() for key in ("reward", "done", "terminated")
-        )
-        with torch.no_grad():
-            now, later = value(seen).double(), value(then).double()
-        delta = reward + settings.gamma * (1 - terminated) * later - now
-        advantage = torch.zeros_like(delta)
-        for t in range(len(delta) - 1, -1, -1):
-            beyond = advantage[t + 1] if t + 1 < len(delta) else 0.0
-            advantage[t] = delta[t] + settings.gamma * settings.gae_lambda * (1 - done[t]) * beyond
-        target = (advantage + now).float()
-        normal = ((advantage - advantage.mean()) / advantage.std()).float()
+        seen, (target, normal) = samples["observation"], naive_targets(samples, value, settings)
         progress = batch / max(settings.max_timesteps // settings.update_timesteps - 1, 1)
         bonus = settings.entropy_coeff * (1 - progress)
         for _ in range(settings.epochs):

@@ -242,6 +242,17 @@ def test_kernels_are_sampled_where_there_are_any(opened):
     assert isinstance(opened("gymnasium", FOREST)[0], CollectorSource)
 
 
+def test_processes_that_sample_are_told(opened):
+    source, _, backend = opened("gymnasium", FOREST)
+    assert backend.sampling_processes == 0
+    source.collect(16)
+    # As many as were asked for.
+    assert backend.sampling_processes == backend.workers == 1
+    source, _, backend = opened("kernel", FOREST)
+    source.collect(16)
+    assert backend.sampling_processes == 0
+
+
 def test_collecting_in_pieces_changes_nothing(opened, monkeypatch):
     whole = opened("gymnasium", FOREST)[0].collect(80)
     monkeypatch.setattr(collecting, "_PIECE_STEPS", 30)

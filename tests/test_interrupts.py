@@ -1,0 +1,165 @@
+"""Ctrl-C in processes of their own, as a terminal sends it."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from pages_for_tests import ROOT
+
+BEGIN = """
+import ctypes, sys, threading, time
+from ge_torchrl import interrupts
+from ge_torchrl.interrupts import interrupt_again, last_words, leave_quietly, leave_soon
+
+def never_return():
+    # As compiled code: without the interpreter's lock, and deaf to signals.
+    lock = ctypes.create_string_buffer(256)
+    for _ in range(2):
+        ctypes.CDLL(None).pthread_mutex_lock(lock)
+
+def tell_when_stuck():
+    main = threading.main_thread().ident
+    while sys._current_frames()[main].f_code.co_name not in {"never_return", "step"}:
+        time.sleep(0.01)
+    time.sleep(0.3)
+    print("ready", flush=True)
+
+leave_quietly()
+interrupt_again()
+"""
+SAVES = """
+threading.Thread(target=tell_when_stuck, daemon=True).start()
+with last_words(lambda: "the best tree is in a folder"):
+    never_return()
+"""
+SAVES_NOTHING = """
+interrupts._SAVING = 0.3
+threading.Thread(target=tell_when_stuck, daemon=True).start()
+with last_words(lambda: never_return()):
+    never_return()
+"""
+HEARS = """
+import signal
+
+def notes(*_):
+    # Raises nothing, which could come between any two lines of this script.
+    interrupts._Heard.at = time.monotonic()
+
+interrupts._interrupt = notes
+signal.signal(signal.SIGINT, notes)
+print("ready", flush=True)
+until = time.monotonic() + 3 * interrupts._PATIENCE
+while time.monotonic() < until:
+    time.sleep(0.01)
+"""
+PLANT = """
+class Spin:
+    features = ("x",)
+    actions = {"force": (-1.0, 1.0)}
+    start = [(1.0, 2.0)]
+    max_episode_steps = 100
+
+    def step(state, force):
+        x = state[0]
+        while x > 0.0:
+            x = x * 1.0
+        return (x,), x, False
+"""
+
+
+def started(script, folder=None, **more):
+    """Start a script that says when it is ready for Ctrl-C."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **more}
+    program = subprocess.Popen(
+        [sys.executable, "-c", script],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert program.stdout.readline() == "ready\n"
+    return program
+
+
+def ended(program):
+    """Return how it ended: status, output, errors."""
+    late = threading.Timer(60, program.kill)
+    late.start()
+    with program:
+        output, errors = program.stdout.read(), program.stderr.read()
+    late.cancel()
+    return program.returncode, output, errors
+
+
+@pytest.mark.parametrize(
+    ("script", "saved"), [(SAVES, "the best tree is in a folder"), (SAVES_NOTHING, "nothing was saved")]
+)
+def test_code_that_does_not_return_ends_with_what_was_saved(script, saved):
+    program = started(BEGIN + script)
+    program.send_signal(signal.SIGINT)
+    told = f"ge-torchrl: interrupted in code that did not return; {saved}\n"
+    assert ended(program) == (130, "", told)
+
+
+def test_who_hears_of_ctrl_c_goes_on_however_often_it_comes():
+    program = started(BEGIN + HEARS)
+    for press in range(40):
+        program.send_signal(signal.SIGINT)
+        # Of two at once it hears once, or one comes before the one in front was heard of.
+        time.sleep(0.02 if press % 2 else 0.0005)
+    assert ended(program) == (0, "", "")
+
+
+def test_a_thread_that_never_returns_does_not_keep_the_program():
+    leaves = """
+interrupts._LEAVING = 0.5
+from concurrent.futures import ThreadPoolExecutor
+pool = ThreadPoolExecutor(1)
+pool.submit(never_return)
+print("ready", flush=True)
+print("in the buffer")
+sys.exit(leave_soon(3))
+"""
+    assert ended(started(BEGIN + leaves)) == (3, "in the buffer\n", "")
+
+
+def test_a_step_that_does_not_return_is_told_while_an_environment_is_looked_at():
+    looks = """
+from ge_torchrl.cli import waiting
+waiting._SILENCE_SECONDS, waiting._STEP_SECONDS = 0.1, 0.3
+print("ready", flush=True)
+with waiting.looked_at("plant.py:Cart"):
+    time.sleep(0.5)
+    interrupts.Stepping.since = time.perf_counter()
+    never_return()
+"""
+    status, _, errors = ended(started(BEGIN + looks))
+    first, told = errors.splitlines()
+    assert (status, first) == (2, "ge-torchrl: looking at plant.py:Cart ...")
+    assert told.startswith(
+        "ge-torchrl: env.dynamics=plant.py:Cart must return from every step; one has not in 0 s"
+    )
+
+
+def test_a_plants_loop_without_end_can_be_interrupted(tmp_path):
+    (tmp_path / "plant.py").write_text(PLANT)
+    steps = """
+import gymnasium
+from ge_torchrl.environments.plants.environment import register_plant
+environment = gymnasium.make(register_plant("plant.py:Spin"))
+environment.reset(seed=0)
+threading.Thread(target=tell_when_stuck, daemon=True).start()
+environment.step([0.5])
+"""
+    program = started(BEGIN + steps, tmp_path)
+    program.send_signal(signal.SIGINT)
+    status, _, errors = ended(program)
+    assert (status, errors) == (
+        130,
+        "ge-torchrl: interrupted in code that did not return; nothing was saved\n",
+    )
