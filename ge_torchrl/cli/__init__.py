@@ -7,13 +7,14 @@ from types import MappingProxyType
 from ge_torchrl.cli.environments import Compose, check, init
 from ge_torchrl.cli.evaluating import evaluate
 from ge_torchrl.cli.exporting import export
+from ge_torchrl.cli.playing import play
 from ge_torchrl.cli.reporting import report
 from ge_torchrl.errors import UserError
 
 _COMPOSING: Mapping[str, Callable[[list[str], Compose], int]] = MappingProxyType(
     {"check": check, "init": init}
 )
-VERBS = frozenset({"evaluate", "export", "report", *_COMPOSING})
+VERBS = frozenset({"evaluate", "export", "play", "report", *_COMPOSING})
 """The first words of command lines that are no runs."""
 
 
@@ -35,4 +36,4 @@ def verb_of(arguments: Sequence[str], compose: Compose) -> Callable[[list[str]],
         raise UserError(f"{word} is unknown; expected key=value, such as seed=3, or {meant[0]}; got {word!r}")
     if composing := _COMPOSING.get(word):
         return lambda words: composing(words, compose)
-    return {"evaluate": evaluate, "export": export, "report": report}.get(word)
+    return {"evaluate": evaluate, "export": export, "play": play, "report": report}.get(word)

@@ -9,12 +9,14 @@ import logging
 import math
 from typing import Any, TypeAlias
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.lean import lean
 from ge_torchrl.environments.making import FAULTS
 from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
+from ge_torchrl.environments.suitable import one_line
 from ge_torchrl.errors import EnvironmentFaultError
 
 _logger = logging.getLogger(__name__)
@@ -116,6 +118,7 @@ class Border:
     Args:
         spec: The environment.
         witness: Who is told what the environment had not said; shared between borders.
+        render_mode: As `gym.make` takes it; None where nothing is drawn.
 
     Attributes:
         array: [D] float32, the last observation; may be the environment's own array, so it is to be copied.
@@ -123,10 +126,10 @@ class Border:
         action_bounds: [A] what the entries of a continuous action are cut to.
     """
 
-    def __init__(self, spec: EnvironmentSpec, witness: Witness) -> None:
+    def __init__(self, spec: EnvironmentSpec, witness: Witness, render_mode: str | None = None) -> None:
         self._spec = spec
         self.watched_by(witness)
-        self._environment: Any = make_gymnasium(spec)
+        self._environment: Any = make_gymnasium(spec, render_mode=render_mode)
         self._lean_step, self._lean_reset, self._limit = lean(self._environment, spec.max_episode_steps)
         self._first_action = spec.first_action
         self._is_continuous = spec.is_continuous
@@ -197,6 +200,23 @@ class Border:
             if not self._spec.has_limit and not terminated:
                 self._witness.is_endless = True
         return values, number, terminated, truncated
+
+    def render(self) -> Any:
+        """Return what the environment draws of its state, as its render mode says.
+
+        Raises:
+            EnvironmentFaultError: It raised, or a package that draws is missing.
+        """
+        try:
+            # The wrappers that ask for the order of calls are passed by, as in steps.
+            return self._environment.unwrapped.render()
+        except gym.error.DependencyNotInstalled as error:
+            raise EnvironmentFaultError(
+                f"env.id={self._spec.id} is drawn by packages that are not installed ({one_line(error)}); "
+                'expected them installed: pip install -c constraints.txt -e ".[play]"'
+            ) from error
+        except FAULTS as error:
+            raise self._fault(f"raised {error!r} in render") from error
 
     def close(self) -> None:
         """Close the environment, and let go of it: a simulator may be large, and who holds a border may live long."""

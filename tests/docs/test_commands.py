@@ -22,7 +22,7 @@ from ge_torchrl.cli import VERBS
 from ge_torchrl.cli.choices import with_environment
 from ge_torchrl.config import check_key
 from ge_torchrl.errors import UserError
-from ge_torchrl.report import pages, runs
+from ge_torchrl.report import pages, reading, runs
 from ge_torchrl.run import starting_file, surveying
 
 SECTIONS = ("env", "grammar", "ge", "evaluation", "refiner", "polish", "archive")
@@ -68,6 +68,7 @@ def test_a_verb_that_is_printed_takes_its_arguments(arguments, experiment, monke
     for room, name in (
         (runs, "gather_runs"),
         (pages, "gather_runs"),
+        (reading, "read_tree"),
         (surveying, "survey"),
         (controllers, "named_controller"),
         (starting_file, "write_starting_file"),

@@ -1,0 +1,5 @@
+"""What all tests of this room need."""
+
+import pytest
+
+pytest.importorskip("PIL")
