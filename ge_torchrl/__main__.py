@@ -35,7 +35,7 @@ from omegaconf._utils import get_omega_conf_dumper
 from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
-from ge_torchrl.cli import verb_of
+from ge_torchrl.cli import RUN, verb_of
 from ge_torchrl.cli.choices import config_from, folder_from, searched, with_environment, words_of
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.parser import options_of_run
@@ -65,8 +65,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         interrupt_again()
         prepare_output()
-        verb = verb_of(arguments, _composed)
-        status = verb(arguments[1:]) if verb else _run(arguments)
+        if arguments[:1] == [RUN]:
+            status = _run(arguments[1:])
+        else:
+            verb = verb_of(arguments, _composed)
+            status = verb(arguments[1:]) if verb else _run(arguments)
         sys.stdout.flush()
     except UserError as error:
         return tell(error)

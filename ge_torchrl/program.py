@@ -12,6 +12,11 @@ def main() -> int:
     if not sys.flags.safe_path:
         # As with python -m: environments and wrappers may be modules of the current folder.
         sys.path.insert(0, os.getcwd())  # noqa: PTH109 (pathlib takes time to import)
+    if sys.argv[1:3] == ["completion", "words"]:
+        # A shell asks at TAB, and a person waits: nothing else is loaded.
+        from ge_torchrl.cli import complete_words
+
+        return complete_words(sys.argv[3:])
     from ge_torchrl.__main__ import main as run
 
     return leave_soon(run())

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from ge_torchrl.checks import MOST_EPISODES
+from ge_torchrl.cli.output import form_of_tables
 from ge_torchrl.cli.parser import Parser, integer_from
 from ge_torchrl.cli.statuses import OK
 from ge_torchrl.errors import UserError
@@ -24,7 +25,7 @@ def evaluate(arguments: list[str]) -> int:
         if options.json:
             print(json.dumps(sweep.as_dict()))
         else:
-            print(sweep.as_markdown() if options.markdown else sweep.as_text())
+            print(sweep.as_text(form_of_tables(markdown=options.markdown)))
         return OK
     if options.markdown:
         raise UserError(f"--markdown tells of many runs, so expected a folder above them; got {options.path}")

@@ -14,15 +14,18 @@ from ge_torchrl.errors import RunFaultError, UserError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from ge_torchrl.report.tables import Form
+
 _PLAIN = {"├": "|", "└": "`", "─": "-", "│": "|", "±": "+-", "→": "->", "…": "...", "°": "deg"}
 _HANDLER = "ge_torchrl_plain"
 
 
 def prepare_output() -> None:
-    """Let standard output show every text, and keep quiet what other packages say that no user can mend."""
+    """Let what is printed show every text, and keep quiet what other packages say that no user can mend."""
     codecs.register_error(_HANDLER, _plain)
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors=_HANDLER)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors=_HANDLER)
     # cma says so where matplotlib is not installed; nothing here plots with cma.
     warnings.filterwarnings("ignore", "Could not import matplotlib", UserWarning, r"cma\.")
 
@@ -33,6 +36,13 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
         raise error
     lost = error.object[error.start : error.end]
     return "".join(_PLAIN.get(character, "?") for character in lost), error.end
+
+
+def form_of_tables(*, markdown: bool) -> "Form":
+    """Return the form of tables on standard output: drawn on a terminal, plain elsewhere, or the Markdown asked for."""
+    if markdown:
+        return "markdown"
+    return "terminal" if sys.stdout.isatty() else "plain"
 
 
 def open_console() -> "Console":

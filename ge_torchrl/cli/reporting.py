@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+from ge_torchrl.cli.output import form_of_tables
 from ge_torchrl.cli.parser import Parser
 from ge_torchrl.cli.statuses import OK
 
@@ -23,6 +24,7 @@ def report(arguments: list[str]) -> int:
     parser.add_argument(
         "--output", metavar="DIR", type=Path, help="folder of the report; default: FOLDER/report"
     )
+    parser.add_argument("--markdown", action="store_true", help="print the tables in Markdown")
     options = parser.parse_args(arguments)
 
     from ge_torchrl.report.canvas import PLOTS_HINT, has_matplotlib
@@ -34,7 +36,7 @@ def report(arguments: list[str]) -> int:
     found = gather_runs(options.folder, options.against)
     for line in found.unreadable:
         print(f"ge-torchrl: left out: {line}", file=sys.stderr)
-    print(runs_tables(found.runs))
+    print(runs_tables(found.runs, form_of_tables(markdown=options.markdown)))
     if options.output is None and not has_matplotlib():
         print(f"ge-torchrl: no report: {PLOTS_HINT}", file=sys.stderr)
     else:

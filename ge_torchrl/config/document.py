@@ -41,7 +41,7 @@ def _sections(record: type[Section]) -> Iterator[str]:
     if own:
         yield f"## {f'`{record.SECTION}`' if record.SECTION else 'The run'}\n"
         if record.SECTION:
-            yield f"{_meaning(record)}\n"
+            yield f"{meaning(record)}\n"
         yield "| key | default | allowed | meaning |\n|---|---|---|---|"
         yield from (_row(record, entry) for entry in own)
         yield ""
@@ -50,7 +50,8 @@ def _sections(record: type[Section]) -> Iterator[str]:
             yield from _sections(inner)
 
 
-def _meaning(record: type[Section]) -> str:
+def meaning(record: type[Section]) -> str:
+    """Return what a section is about."""
     paragraphs = (record.__doc__ or "").split("\n\n")
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
@@ -58,18 +59,19 @@ def _meaning(record: type[Section]) -> str:
 def _row(record: type[Section], entry: Field[Any]) -> str:
     cells = (
         f"`{record.key(entry.name)}`",
-        _default(entry),
-        _allowed(rule_of(entry)),
+        default(entry),
+        allowed(rule_of(entry)),
         entry.metadata["doc"],
     )
     return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"
 
 
-def _default(entry: Field[Any]) -> str:
+def default(entry: Field[Any]) -> str:
+    """Return the default of a setting in words, or both where it follows the speed."""
     if follows_speed(entry) and entry.metadata["dear"] != entry.default:
         return f"{_shown(entry.default)} or {_shown(entry.metadata['dear'])}"
-    default = default_of(entry)
-    return "none: to be given" if default == UNSET else _shown(default)
+    value = default_of(entry)
+    return "none: to be given" if value == UNSET else _shown(value)
 
 
 def _shown(value: Any) -> str:
@@ -78,7 +80,7 @@ def _shown(value: Any) -> str:
     return f"`{'null' if value is None else str(value).lower() if isinstance(value, bool) else value}`"
 
 
-def _allowed(rule: Rule) -> str:
+def allowed(rule: Rule) -> str:
     """Return what is allowed, without the article of a message."""
     if rule.choices:
         return ", ".join(f"`{choice}`" for choice in rule.choices)

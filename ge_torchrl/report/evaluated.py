@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from ge_torchrl.report.methods import refiner_of
 from ge_torchrl.report.sizes import SizedTree, SizeRow, are_of_one_run, by_size, sizes_table
-from ge_torchrl.report.tables import RunRow, Table, counted, runs_table
+from ge_torchrl.report.tables import Form, RunRow, counted, runs_table
 
 _BY_SIZE = (
     'By size. "Best in validation" did best of all runs on as many other episodes, the same for all.\n'
@@ -174,15 +174,9 @@ class SweepEvaluation:
             "left_out": list(self.left_out),
         }
 
-    def as_text(self) -> str:
-        """Return tables for a terminal."""
-        return self._told(Table.aligned, "{}", "{}")
-
-    def as_markdown(self) -> str:
-        """Return tables in Markdown."""
-        return self._told(Table.markdown, "**{}**", "* {}.")
-
-    def _told(self, drawn: Callable[[Table], str], title: str, line: str) -> str:
+    def as_text(self, form: Form = "plain") -> str:
+        """Return tables in the form of where they are read."""
+        title, line = ("**{}**", "* {}.") if form == "markdown" else ("{}", "{}")
         last = self.seed + self.episodes - 1
         parts = []
         for method in self.methods:
@@ -190,7 +184,7 @@ class SweepEvaluation:
             episodes = f"{self.episodes:,} episodes, seeds {self.seed} to {last}"
             name = title.format(f"{method.environment} {method.method}")
             parts.append(f"{name} ({episodes}, {method.route} route{threshold})")
-            parts += [drawn(runs_table([run.row for run in method.runs])), line.format(method.in_short())]
+            parts += [runs_table([run.row for run in method.runs]).told(form), line.format(method.in_short())]
             if sizes := method.sizes:
-                parts += [*([] if are_of_one_run(sizes) else [_BY_SIZE]), drawn(sizes_table(sizes))]
+                parts += [*([] if are_of_one_run(sizes) else [_BY_SIZE]), sizes_table(sizes).told(form)]
         return "\n\n".join(parts)

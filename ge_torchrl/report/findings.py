@@ -9,7 +9,7 @@ import numpy as np
 
 from ge_torchrl.report.runs import Run
 from ge_torchrl.report.statistics import Interval, bootstrap_interval, wilson_interval
-from ge_torchrl.report.tables import RunRow, Table, counted, runs_table
+from ge_torchrl.report.tables import Form, RunRow, Table, counted, runs_table
 from ge_torchrl.report.thesis.beside import published_beside, published_columns, published_in_short, source_of
 
 
@@ -23,25 +23,28 @@ def by_method(runs: Sequence[Run]) -> Iterator[list[Run]]:
         yield list(members)
 
 
-def runs_tables(runs: Sequence[Run]) -> str:
-    """Return for each environment, method and setting a title and its table of runs in Markdown.
+def runs_tables(runs: Sequence[Run], form: Form = "markdown") -> str:
+    """Return for each environment, method and setting a title and its table of runs.
 
     Args:
         runs: In the order of environment, method and setting.
+        form: Where they are read.
     """
-    return "\n\n".join(f"{_title(members)}\n\n{table_of(members)}" for members in by_method(runs))
+    mark = "**" if form == "markdown" else ""
+    return "\n\n".join(f"{_title(members, mark)}\n\n{table_of(members, form)}" for members in by_method(runs))
 
 
-def table_of(runs: Sequence[Run]) -> str:
-    """Return a Markdown table, a row a run, with the thesis' numbers at its right where they are of this method.
+def table_of(runs: Sequence[Run], form: Form = "markdown") -> str:
+    """Return a table, a row a run, with the thesis' numbers at its right where they are of this method.
 
     Args:
         runs: Runs of one environment, method and setting.
+        form: Where it is read.
     """
     table = runs_table([RunRow.of(run.summary) for run in runs])
     if published := published_beside(runs[0].method, runs[0].environment):
         table = table.beside(published_columns(published, [run.seed for run in runs]))
-    return table.markdown()
+    return table.told(form)
 
 
 def overview_table(runs: Sequence[Run]) -> str:
@@ -107,10 +110,12 @@ def interval_text(value: float, interval: Interval, n: int) -> str:
     return f"{value:.2f}" if n == 1 else f"{value:.2f} ({interval.low:.2f} to {interval.high:.2f})"
 
 
-def _title(runs: Sequence[Run]) -> str:
+def _title(runs: Sequence[Run], mark: str) -> str:
     first = runs[0].summary
     threshold = "" if first.solved_at is None else f", solved from {first.solved_at:g}"
-    return f"**{runs[0].environment} {runs[0].label}** ({first.test_episodes} test episodes{threshold})"
+    return (
+        f"{mark}{runs[0].environment} {runs[0].label}{mark} ({first.test_episodes} test episodes{threshold})"
+    )
 
 
 def _warnings(runs: Sequence[Run]) -> list[str]:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import io
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
-from typing import NamedTuple, Self
+from types import MappingProxyType
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
 from ge_torchrl.artefacts.records import Summary
+
+Form = Literal["terminal", "plain", "markdown"]
+"""Where a table is read: on a terminal, in a file or a pipe, or as Markdown."""
 
 
 class Table(NamedTuple):
@@ -44,13 +49,39 @@ class Table(NamedTuple):
         return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
     def aligned(self) -> str:
-        """Return lines for a terminal, all columns aligned to the right."""
+        """Return plain lines, all columns aligned to the right."""
         lines = [self.head, *self.rows]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         return "\n".join(
             "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
             for line in lines
         )
+
+    def told(self, form: Form) -> str:
+        """Return the table in the form of where it is read."""
+        return _DRAWINGS[form](self)
+
+    def drawn(self) -> str:
+        """Return lines for a terminal: a head that stands out, and columns that fit into its width."""
+        from rich import box
+        from rich.console import Console
+        from rich.table import Table as RichTable
+
+        table = RichTable(box=box.SIMPLE_HEAD, pad_edge=False)
+        for title in self.head:
+            table.add_column(title, justify="right", overflow="fold")
+        for row in self.rows:
+            table.add_row(*row)
+        # Of the terminal: rich asks its size, and NO_COLOR.
+        console = Console(file=io.StringIO(), force_terminal=True, highlight=False, markup=False)
+        with console.capture() as captured:
+            console.print(table)
+        return "\n".join(line.rstrip() for line in captured.get().splitlines() if line.strip())
+
+
+_DRAWINGS: Mapping[Form, Callable[[Table], str]] = MappingProxyType(
+    {"terminal": Table.drawn, "plain": Table.aligned, "markdown": Table.markdown}
+)
 
 
 def counted(n: int, thing: str) -> str:

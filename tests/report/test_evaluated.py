@@ -94,7 +94,7 @@ def test_one_run_has_no_rivals():
 
 
 def test_markdown_can_be_pasted():
-    lines = sweep().as_markdown().splitlines()
+    lines = sweep().as_text("markdown").splitlines()
     assert lines[0].startswith("**CartPole-v1 GE+CMA-ES** (10,000 episodes, ")
     assert lines[2:5] == [
         "| seed | decision nodes | test mean ± sd | solved | all s |",
@@ -135,10 +135,10 @@ def test_json_holds_the_same():
     }
 
 
-@pytest.mark.parametrize("form", [SweepEvaluation.as_text, SweepEvaluation.as_markdown])
+@pytest.mark.parametrize("form", ["plain", "markdown", "terminal"])
 def test_without_threshold_and_archive_less_is_told(form):
     unsolved = run("c", 8, (12, 475.0, 0.0, None, 5.0))
-    text = form(sweep(method((unsolved,), solved_at=None)))
+    text = sweep(method((unsolved,), solved_at=None)).as_text(form)
     assert "olved" not in text
     assert "By size" not in text
     assert "worst seed mean 475.00, median seed mean 475.00" in text

@@ -39,3 +39,18 @@ def test_a_table_for_a_terminal_is_aligned_to_the_right():
 def test_tables_stand_side_by_side():
     left, right = Table.of(["a"], [["1"], ["2"]]), Table.of(["b"], [["3"], ["4"]])
     assert left.beside(right) == Table.of(["a", "b"], [["1", "3"], ["2", "4"]])
+
+
+def test_a_table_for_a_person_has_a_head_that_stands_out_and_fits_the_terminal(monkeypatch):
+    table = Table.of(["seed", "mean [±]"], [["3", "-110.00"], ["10", "-9.5"]])
+    for name, value in (("TERM", "xterm-256color"), ("COLUMNS", "40")):
+        monkeypatch.setenv(name, value)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    lines = table.drawn().splitlines()
+    assert "\x1b[1m" in lines[0]
+    assert "mean [±]" in lines[0]
+    assert set(lines[1].strip()) == {"─"}
+    assert [line.split() for line in lines[2:]] == [["3", "-110.00"], ["10", "-9.5"]]
+    monkeypatch.setenv("COLUMNS", "12")
+    assert max(len(line) for line in table.drawn().splitlines() if "\x1b" not in line) <= 12
+    assert [table.told(form) for form in ("plain", "markdown")] == [table.aligned(), table.markdown()]

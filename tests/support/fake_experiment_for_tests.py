@@ -38,8 +38,7 @@ class FakeExperiment(types.ModuleType):
         return types.SimpleNamespace(
             left_out=("multirun/3: broken",),
             as_dict=lambda: {"episodes": 10},
-            as_text=lambda: "a table",
-            as_markdown=lambda: "| a table |",
+            as_text=lambda form: "| a table |" if form == "markdown" else "a table",
         )
 
     def evaluate(self, path, episodes, seed, route, nodes):

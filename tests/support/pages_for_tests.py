@@ -15,6 +15,7 @@ PAGES = tuple(sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")]))
 TODAYS_PAGES = tuple(path for path in PAGES if path != OF_AN_EARLIER_VERSION)
 
 _FENCED = re.compile(r"^```(\w*)\n(.*?)^```", flags=re.DOTALL | re.MULTILINE)
+_PROGRAMS = ("python -m ge_torchrl ", "ge-torchrl ")
 _INLINE = re.compile(r"`([^`]+)`")
 _LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 _FOR = re.compile(r"^for (\w+) in (.*); do$")
@@ -34,8 +35,9 @@ class Command(NamedTuple):
     @property
     def arguments(self) -> tuple[str, ...] | None:
         """What the program itself is given; None where another program is called."""
-        program = ("python", "-m", "ge_torchrl")
-        return self.words[3:] if self.words[:3] == program else None
+        if self.words[0] == "ge-torchrl":
+            return self.words[1:]
+        return self.words[3:] if self.words[:3] == ("python", "-m", "ge_torchrl") else None
 
 
 def blocks(path: Path, language: str) -> list[str]:
@@ -59,7 +61,7 @@ def commands(path: Path) -> list[Command]:
     """The commands of a page, loops run through: of its shell blocks, and the program's in backticks or indented."""
     text = path.read_text(encoding="utf-8")
     lines = [line for block in blocks(path, "sh") for line in _loops_run_through(_joined(block))]
-    lines += [code for code in inline_codes(path) if code.startswith("python -m ge_torchrl ")]
+    lines += [code for code in inline_codes(path) if code.startswith(_PROGRAMS)]
     lines += [line.strip() for line in _FENCED.sub("", text).splitlines() if line.startswith("    python -m")]
     split = (tuple(shlex.split(line, comments=True)) for line in lines)
     return [Command(path.name, words) for words in split if words]
