@@ -120,18 +120,17 @@ class TestRun:
 
     def test_it_plays_to_the_end_and_pauses(self, browser, page):
         opened(browser, page)
+        label = "return document.getElementById('play').getAttribute('aria-label')"
+        choose(browser, "#speed", "0.25")
         click(browser, "#play")
-        assert (
-            browser.execute_script("return document.getElementById('play').getAttribute('aria-label')")
-            == "Pause"
-        )
-        waited = "const done = arguments[0]; const look = () => document.getElementById('forward').disabled ? done(true) : setTimeout(look, 20); look();"  # noqa: E501
+        assert browser.execute_script(label) == "Pause" or "step 12 of 12" in text(browser, "#moment")
+        choose(browser, "#speed", "4")
+        waited = """const [done] = arguments;
+            const look = () => (document.getElementById("forward").disabled ? done(true) : setTimeout(look, 20));
+            look();"""
         assert browser.execute_async_script(waited)
         assert "step 12 of 12" in text(browser, "#moment")
-        assert (
-            browser.execute_script("return document.getElementById('play').getAttribute('aria-label')")
-            == "Play"
-        )
+        assert browser.execute_script(label) == "Play"
 
     def test_the_scrubber_goes_to_a_step(self, browser, page):
         opened(browser, page)
@@ -175,12 +174,12 @@ class TestRun:
         body = browser.find_element("tag name", "body")
         body.send_keys(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT)
         assert "step 1 of 12" in text(browser, "#moment")
+        choose(browser, "#speed", "0.25")
         body.send_keys(Keys.SPACE)
-        assert (
-            browser.execute_script("return document.getElementById('play').getAttribute('aria-label')")
-            == "Pause"
-        )
-        body.send_keys(Keys.SPACE)
+        label = "return document.getElementById('play').getAttribute('aria-label')"
+        # A machine that is busy may be slower than the episode.
+        assert browser.execute_script(label) == "Pause" or "step 12 of 12" in text(browser, "#moment")
+        body.send_keys(Keys.HOME)
         browser.find_element("css selector", '#episodes [aria-checked="true"]').send_keys(Keys.ARROW_RIGHT)
         assert "worst" in text(browser, '#episodes [aria-checked="true"]')
         assert browser.execute_script("return document.activeElement.getAttribute('aria-checked')") == "true"

@@ -12,7 +12,7 @@ const ticksOf = ([low, high], most, least = 0) => {
 const tickText = (value) => minus(String(Math.abs(value) >= 1e5 ? value.toExponential(0) : value));
 
 const axesInto = (group, { xs, ys, px, py, left, top, wide, high, across, up, grid = true, whole = false }) => {
-  for (const value of ticksOf(xs, Math.max(2, Math.floor(wide / 70)), whole ? 1 : 0)) {
+  for (const value of ticksOf(xs, Math.max(2, Math.floor(wide / (whole ? 34 : 70))), whole ? 1 : 0)) {
     group.append(svg("line", { class: "frame", x1: px(value), x2: px(value), y1: top + high, y2: top + high + 4 }));
     group.append(svg("text", { class: "axis", x: px(value), y: top + high + 16, "text-anchor": "middle" }, tickText(value)));
   }
@@ -94,6 +94,7 @@ const drawProgress = (room) => {
     html("div", {}, ...keys),
     "Fitness on the few training episodes, refined trees included." +
       (refined ? ` ${counted(refined, "tree")} refined, ${improved} of them improved.` : "") +
+      (marks.some((one) => one.best.after < ys[0]) ? " Rings at the lower edge lie below it." : "") +
       (starts.length ? " The line breaks where the search begins anew." : ""),
   );
 };

@@ -217,6 +217,17 @@ const drawRule = (tree) => {
   at("rule").replaceChildren(list);
 };
 
+// A letter with a dot above is set as such: not every font of mathematics has the combining dot.
+const setText = (text, element) =>
+  text
+    .split(/(\S\u0307)/)
+    .filter(Boolean)
+    .map((part) =>
+      part.endsWith("\u0307")
+        ? math("mover", { accent: "false" }, math("mi", {}, part[0]), math("mo", { lspace: "0", rspace: "0" }, "˙"))
+        : math(element, element === "mi" && part.length > 1 ? { mathvariant: "normal" } : {}, part.replaceAll(" ", "\u00a0")),
+    );
+
 // A formula in MathML, which browsers set themselves: cases, each a sum and when it holds.
 const sumElements = (terms) =>
   terms.flatMap(([factor, name], i) => {
@@ -225,7 +236,7 @@ const sumElements = (terms) =>
       sign && math("mo", i ? {} : { form: "prefix" }, sign),
       name && size === 1 ? null : math("mn", {}, String(size)),
       name && size !== 1 ? math("mspace", { width: "0.2em" }) : null,
-      name && math("mi", { mathvariant: name.length > 2 ? "normal" : null }, name),
+      ...setText(name, "mi"),
     ].filter(Boolean);
   });
 const drawFormula = (tree) => {
@@ -237,13 +248,13 @@ const drawFormula = (tree) => {
           "mtr",
           {},
           math("mtd", {}, math("mrow", {}, ...sumElements(one.terms))),
-          math("mtd", {}, math("mtext", {}, one.when.length ? `if ${one.when.join(" and ")}` : "")),
+          math("mtd", {}, math("mrow", {}, ...setText(one.when.length ? `if ${one.when.join(" and ")}` : "", "mtext"))),
         ),
       );
       const table = math("mtable", { columnalign: "left" }, ...rows);
       // A brace that stretches needs a font of mathematics, which not every machine has; a bar does not.
       if (rows.length > 1) table.setAttribute("class", "cases");
-      return math("math", { display: "block" }, math("mi", { mathvariant: "normal" }, formula.name), math("mo", {}, "="), math("mrow", {}, table));
+      return math("math", { display: "block" }, ...setText(formula.name, "mi"), math("mo", {}, "="), math("mrow", {}, table));
     }),
     ...tree.formulas
       .filter((formula) => formula.low !== null || formula.high !== null)
