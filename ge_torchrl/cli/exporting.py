@@ -1,6 +1,7 @@
 """`export`: a controller in another language or file format."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from ge_torchrl.cli.output import tell
@@ -46,7 +47,7 @@ def export(arguments: list[str]) -> int:
     except RunFaultError as error:
         return tell(error)
     if options.out is None:
-        print(content.decode(), end="")
+        _show(content, is_drawing=options.to == "text")
         return OK
     write_whole(options.out, lambda beside: beside.write_bytes(content))
     how = (
@@ -56,6 +57,15 @@ def export(arguments: list[str]) -> int:
     )
     print(f"wrote {options.out}{how}")
     return OK
+
+
+def _show(content: bytes, *, is_drawing: bool) -> None:
+    """Print a text; what is no drawing with lines keeps its bytes in a pipe, since it will be a file."""
+    if is_drawing or sys.stdout.isatty():
+        print(content.decode(), end="")
+        return
+    sys.stdout.flush()
+    sys.stdout.buffer.write(content)
 
 
 def _parser() -> Parser:

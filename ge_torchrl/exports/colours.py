@@ -6,9 +6,9 @@ from ge_torchrl.report.drawing import ACTION_COLOURS, DARK_COLOURS
 from ge_torchrl.trees.tree import DecisionTree
 
 
-def fill_and_ink(tree: DecisionTree, leaf: int) -> tuple[str, str]:
-    """Return the colour of a leaf, that of its action, and the colour of the text on it."""
+def fill_and_ink(tree: DecisionTree, key: str) -> tuple[str, str]:
+    """Return the colour of a leaf `l0`, `l1`, ..., that of its action, and the colour of the text on it."""
     if not tree.has_actions:
         return "white", "black"
-    fill = ACTION_COLOURS[int(tree.action[leaf]) % len(ACTION_COLOURS)]
+    fill = ACTION_COLOURS[int(tree.action[int(key[1:])]) % len(ACTION_COLOURS)]
     return fill, "white" if fill in DARK_COLOURS else "black"

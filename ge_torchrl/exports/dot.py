@@ -41,11 +41,11 @@ def write(controller: Controller, name: str) -> bytes:
     ]
     if told := clipping_text(controller.tree, printably_named(controller).names):
         lines.append(f'  label="{_escaped(told)}";')
-    for leaf, (key, node) in enumerate(drawing.nodes.items(), -controller.tree.num_decision_nodes):
+    for key, node in drawing.nodes.items():
         label = "\\n".join(map(_escaped, node.lines))
         style = ""
         if not node.yes:
-            fill, ink = fill_and_ink(controller.tree, leaf)
+            fill, ink = fill_and_ink(controller.tree, key)
             style = f', style=filled, fillcolor="{fill}", fontcolor={ink}'
         lines.append(f'  {key} [label="{label}"{style}];')
     for key, node in drawing.nodes.items():

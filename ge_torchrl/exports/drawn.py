@@ -57,24 +57,25 @@ class Drawing(NamedTuple):
 
 
 def drawing_of(controller: Controller) -> Drawing:
-    """Return a tree as nodes with labels: splits `s0`, `s1`, ... and leaves `l0`, `l1`, ... in the tree's own order."""
+    """Return a tree as nodes with labels, depth first: its splits `s0`, `s1`, ... and its leaves `l0`, `l1`, ..."""
     shown = printably_named(controller)
     tree = shown.tree
 
     def name(child: int) -> str:
         return f"s{child}" if child >= 0 else f"l{~child}"
 
-    nodes = {
-        name(split): DrawnNode(
-            (split_text(tree, shown.names, split),),
-            name(int(tree.children_left[split])),
-            name(int(tree.children_right[split])),
-        )
-        for split in range(tree.num_decision_nodes)
-    }
-    for leaf in range(tree.num_leaves):
-        nodes[name(~leaf)] = DrawnNode(tuple(leaf_lines(tree, shown.names, leaf)))
-    return Drawing(nodes, name(0 if tree.num_decision_nodes else ~0))
+    root = 0 if tree.num_decision_nodes else ~0
+    nodes: Nodes = {}
+    open_nodes = [root]
+    while open_nodes:
+        node = open_nodes.pop()
+        if node < 0:
+            nodes[name(node)] = DrawnNode(tuple(leaf_lines(tree, shown.names, ~node)))
+            continue
+        yes, no = int(tree.children_left[node]), int(tree.children_right[node])
+        nodes[name(node)] = DrawnNode((split_text(tree, shown.names, node),), name(yes), name(no))
+        open_nodes += (no, yes)
+    return Drawing(nodes, name(root))
 
 
 def answers(

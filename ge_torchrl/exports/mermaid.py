@@ -37,11 +37,11 @@ def write(controller: Controller, name: str) -> bytes:  # noqa: ARG001 - a flow 
     if told := clipping_text(controller.tree, printably_named(controller).names):
         lines.append(f"%% {told}".replace("{", "(").replace("}", ")"))
     styles = []
-    for leaf, (key, node) in enumerate(drawing.nodes.items(), -controller.tree.num_decision_nodes):
+    for key, node in drawing.nodes.items():
         label = _BREAK.join(map(_escaped, node.lines))
         lines.append(f'    {key}("{label}")' if node.yes else f'    {key}["{label}"]')
         if not node.yes and controller.tree.has_actions:
-            fill, ink = fill_and_ink(controller.tree, leaf)
+            fill, ink = fill_and_ink(controller.tree, key)
             styles.append(f"    style {key} fill:{fill},color:{ink}")
     for key, node in drawing.nodes.items():
         if node.yes:

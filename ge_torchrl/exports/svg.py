@@ -38,8 +38,9 @@ def write(controller: Controller, name: str) -> bytes:  # noqa: ARG001 - a pictu
         name: Not used.
     """
     drawing, tree = drawing_of(controller), controller.tree
-    keys = list(drawing.nodes)
-    widths = [2 * _PADDING + max(map(_width, node.lines)) for node in drawing.nodes.values()]
+    # A layout takes the splits first, then the leaves.
+    keys = sorted(drawing.nodes, key=lambda key: (not drawing.nodes[key].yes, int(key[1:])))
+    widths = [2 * _PADDING + max(map(_width, drawing.nodes[key].lines)) for key in keys]
     n_lines = max(len(node.lines) for node in drawing.nodes.values())
     layout = tidy_layout(tree, np.array(widths) / _INCH, BOX_HEIGHT + LINE_HEIGHT * (n_lines - 1))
     boxes = _boxes(layout, keys)
@@ -56,8 +57,8 @@ def write(controller: Controller, name: str) -> bytes:  # noqa: ARG001 - a pictu
     for key, node in drawing.nodes.items():
         if node.yes:
             lines += _way(boxes[key], boxes[node.yes], YES) + _way(boxes[key], boxes[node.no], NO)
-    for leaf, (key, node) in enumerate(drawing.nodes.items(), -tree.num_decision_nodes):
-        fill, ink = ("white", "black") if node.yes else fill_and_ink(tree, leaf)
+    for key, node in drawing.nodes.items():
+        fill, ink = ("white", "black") if node.yes else fill_and_ink(tree, key)
         lines += _node(key, node, boxes[key], fill, ink)
     if told:
         lines.append(f'<text x="{width / 2:.1f}" y="{height - _BELOW / 2:.1f}">{escape(told)}</text>')

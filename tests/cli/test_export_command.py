@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from ge_torchrl.__main__ import main
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.exports import exporting
 from ge_torchrl.exports.formats import FORMATS
-from ge_torchrl.trees.files import from_json, read_controller
+from ge_torchrl.trees.files import from_json, read_controller, write_controller
 
 TREE = str(ROOT / "docs" / "trees" / "cartpole_two_decisions.json")
 
@@ -110,6 +111,15 @@ def test_help_tells_of_formats_and_exit_statuses(capsys):
     shown = capsys.readouterr().out
     assert all(f"  {to}" in shown or f", {to}" in shown for to in FORMATS)
     assert "exit status: 0" in shown
+
+
+def test_a_pipe_keeps_the_names_whatever_the_encoding_of_the_terminal(folder):
+    names = replace(CONTROLLER.names, features=("θ", "ω", "x", "y"))
+    write_controller(folder / "tree.json", replace(CONTROLLER, names=names))
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "ge_torchrl", "export", "tree.json", "--to", "python"]
+    told = subprocess.run(command, env=environment, capture_output=True, check=True)
+    assert 'FEATURES = ("θ", "ω", "x", "y")' in told.stdout.decode()
 
 
 def test_a_terminal_that_knows_only_ascii_gets_a_text():
