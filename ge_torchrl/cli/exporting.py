@@ -9,6 +9,8 @@ from ge_torchrl.cli.parser import Parser, integer_from
 from ge_torchrl.cli.statuses import OK
 from ge_torchrl.errors import RunFaultError, UserError
 
+TO = ("python", "c", "onnx", "sklearn", "json", "dot", "mermaid", "svg", "text", "latex", "st")
+"""The formats, in the order of `exports.formats`, which is not loaded to complete a word."""
 _FORMATS = """\
 formats:
   python   a function without imports
@@ -37,8 +39,6 @@ def export(arguments: list[str]) -> int:
     from ge_torchrl.exports.formats import FORMATS
     from ge_torchrl.exports.observations import N_OBSERVATIONS
 
-    if options.to not in FORMATS:
-        raise UserError(f"--to must be one of {', '.join(FORMATS)}; got {options.to}")
     if options.out is None and not FORMATS[options.to].is_text:
         raise UserError(f"--to {options.to} is no text for a terminal, so expected --out FILE")
     controller = named_controller(options.path, options.nodes)
@@ -76,7 +76,7 @@ def _parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("path", metavar="CONTROLLER", type=Path, help="a tree's file, or a run's folder")
-    parser.add_argument("--to", metavar="FORMAT", required=True, help="one of those below")
+    parser.add_argument("--to", metavar="FORMAT", required=True, choices=TO, help="one of those below")
     parser.add_argument("--out", metavar="FILE", type=Path, help="default: standard output")
     parser.add_argument(
         "--nodes",

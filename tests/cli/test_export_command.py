@@ -12,6 +12,7 @@ from records_for_tests import kept
 
 from ge_torchrl.__main__ import main
 from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.cli.exporting import TO
 from ge_torchrl.exports import exporting
 from ge_torchrl.exports.formats import FORMATS
 from ge_torchrl.trees.files import from_json, read_controller, write_controller
@@ -79,7 +80,7 @@ def test_what_answers_otherwise_leaves_no_file_and_the_old_one_as_it_was(folder,
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ([TREE, "--to", "rust"], "--to must be one of python, c, onnx, sklearn, json, dot"),
+        ([TREE, "--to", "rust"], "argument --to: invalid choice: 'rust' (choose from"),
         ([TREE], "required: --to"),
         ([TREE, "--to", "onnx"], "--to onnx is no text for a terminal, so expected --out FILE"),
         ([TREE, "--to", "c", "--name", "2"], "--name must be letters"),
@@ -103,6 +104,10 @@ def test_a_mistake_is_one_line(folder, capsys, words, told):
     assert shown.err.count("\n") == 1
     assert shown.out == ""
     assert list(folder.iterdir()) == []
+
+
+def test_the_command_line_knows_all_formats():
+    assert tuple(FORMATS) == TO
 
 
 def test_help_tells_of_formats_and_exit_statuses(capsys):
