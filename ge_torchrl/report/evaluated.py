@@ -95,7 +95,7 @@ class EvaluatedRun:
 
 @dataclass(frozen=True)
 class EvaluatedMethod:
-    """All runs of one environment and method.
+    """All runs of one environment, method and setting.
 
     Attributes:
         environment: Gymnasium id, with arguments, wrappers and limit where there are any.
@@ -104,6 +104,7 @@ class EvaluatedMethod:
         solved_at: The threshold, or None.
         route: "kernel" or "gymnasium".
         runs: Its runs in the order of their seeds, at least one.
+        setting: What other runs of the method have otherwise; empty where there are none.
     """
 
     environment: str
@@ -112,6 +113,7 @@ class EvaluatedMethod:
     solved_at: float | None
     route: str
     runs: tuple[EvaluatedRun, ...]
+    setting: str = ""
 
     @property
     def means(self) -> tuple[float, ...]:
@@ -182,7 +184,8 @@ class SweepEvaluation:
         for method in self.methods:
             threshold = "" if method.solved_at is None else f", solved from {method.solved_at:g}"
             episodes = f"{self.episodes:,} episodes, seeds {self.seed} to {last}"
-            name = title.format(f"{method.environment} {method.method}")
+            setting = f", {method.setting}" if method.setting else ""
+            name = title.format(f"{method.environment} {method.method}{setting}")
             parts.append(f"{name} ({episodes}, {method.route} route{threshold})")
             parts += [runs_table([run.row for run in method.runs]).told(form), line.format(method.in_short())]
             if sizes := method.sizes:

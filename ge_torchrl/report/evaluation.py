@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from ge_torchrl.artefacts.folder import BEST_TREE, CONFIG, RunFolder, find_runs, none_found
 from ge_torchrl.artefacts.records import Summary
+from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluationSummary, SweepEvaluation
 from ge_torchrl.report.methods import METHODS, method_of
 from ge_torchrl.report.reading import environment_of_run, made, read_tree
+from ge_torchrl.report.settings import labels_of
 from ge_torchrl.report.sizes import SizedTree
 from ge_torchrl.report.tables import RunRow
 from ge_torchrl.seeding import episode_seeds, stream
@@ -106,7 +108,10 @@ def evaluate_runs(
             f"{run.path}: it has no tree with {nodes} decision nodes" for run in runs if not run.of(nodes)
         ]
         runs = _restricted(runs, nodes, folder)
-    runs.sort(key=lambda run: (*run.task, METHODS.index(run.method), run.summary.seed, run.path))
+    runs = sorted(
+        _told_apart(runs),
+        key=lambda run: (*run.task, METHODS.index(run.method), run.setting, run.summary.seed, run.path),
+    )
     validation_seeds = episode_seeds("validation", episodes, stream(seed, "episodes that choose among runs"))
     methods = [
         method
@@ -122,21 +127,28 @@ class _Candidates:
 
     Attributes:
         path: The run's folder.
-        method: By which method it searched.
+        config: Its configuration.
         spec: Its environment.
         summary: Its summary.
         champion: Its champion.
         chosen: The champion, or the tree of the size that was asked for.
         by_size: Its archive.
+        setting: What other runs of its task and method have otherwise.
     """
 
     path: Path
-    method: str
+    config: Config
     spec: EnvironmentSpec
     summary: Summary
     champion: DecisionTree
     chosen: DecisionTree
     by_size: tuple[DecisionTree, ...]
+    setting: str = ""
+
+    @property
+    def method(self) -> str:
+        """By which method it searched."""
+        return method_of(self.config)
 
     @property
     def task(self) -> tuple[tuple[str, str, tuple[str, ...], int], int, float]:
@@ -161,7 +173,7 @@ def _candidates(folder: RunFolder) -> _Candidates:
     spec, champion = environment_of_run(folder, controller), controller.tree
     return _Candidates(
         path=folder.path,
-        method=method_of(folder.read_config()),
+        config=folder.read_config(),
         spec=spec,
         summary=folder.read_summary(),
         champion=champion,
@@ -170,6 +182,16 @@ def _candidates(folder: RunFolder) -> _Candidates:
             folder.read_archive_tree(record.decision_nodes).tree for record in folder.read_archive()
         ),
     )
+
+
+def _told_apart(runs: Iterable[_Candidates]) -> Iterator[_Candidates]:
+    """Yield runs with their settings: nothing is averaged over different ones."""
+    alike: dict[tuple[object, str], list[_Candidates]] = {}
+    for run in runs:
+        alike.setdefault((run.task, run.method), []).append(run)
+    for members in alike.values():
+        for run, setting in zip(members, labels_of([run.config for run in members]), strict=True):
+            yield replace(run, setting=setting)
 
 
 def _restricted(runs: Sequence[_Candidates], nodes: int, folder: Path) -> list[_Candidates]:
@@ -204,7 +226,7 @@ def _evaluate_task(
         )
     tested = {tree: (float(of.mean()), float(of.std())) for tree, of in zip(trees, returns, strict=True)}
     means = {tree: float(of.mean()) for tree, of in zip(rivals, validated, strict=True)}
-    for method, alike in groupby(runs, key=lambda run: run.method):
+    for (method, setting), alike in groupby(runs, key=lambda run: (run.method, run.setting)):
         yield EvaluatedMethod(
             environment=spec.names.environment,
             method=method,
@@ -212,6 +234,7 @@ def _evaluate_task(
             solved_at=spec.solved_at,
             route=backend.name,
             runs=tuple(_evaluated(run, tested, means) for run in alike),
+            setting=setting,
         )
 
 

@@ -124,6 +124,17 @@ class TestManyRuns:
         (line,) = found.left_out
         assert line.startswith(f"{sweep / 'broken'}: ")
 
+    def test_runs_of_different_settings_are_never_averaged_together(self, tmp_path):
+        for seed, generations in enumerate((100, 100, 200)):
+            write_run(tmp_path / str(seed), seed=seed, settings={"generations": generations})
+        found = evaluate_runs(tmp_path, 5, 0, "kernel")
+        assert [(one.setting, [run.row.seed for run in one.runs]) for one in found.methods] == [
+            ("ge.generations=100", [0, 1]),
+            ("ge.generations=200", [2]),
+        ]
+        assert "CartPole-v1 GE, ge.generations=100 (5 episodes" in found.as_text()
+        assert found.as_dict()["methods"][1]["setting"] == "ge.generations=200"
+
     def test_champions_and_trees_of_each_size_are_measured_on_the_same_episodes(self, sweep):
         _, cmaes, ge = evaluate_runs(sweep, 20, 1_000_000, "kernel").methods
         champion = self.returns_of(PRUNED)

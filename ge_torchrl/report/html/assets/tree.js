@@ -285,7 +285,7 @@ const startTree = () => {
     const seen = treeNow().leaves.reduce((sum, leaf) => sum + (leaf.visits ?? 0), 0);
     at("tree-caption").textContent =
       (treeNow().splits.length ? (drawn.outlined ? "Yes comes first. " : "Yes leads to the left. ") : "") +
-      (seen ? `Shares are of the ${seen.toLocaleString("en-US")} states of the test episodes; thicker lines are taken more often.` : "");
+      (seen ? `Shares are of the ${seen.toLocaleString("en-US")} states of the test episodes${treeNow().splits.length ? "; thicker lines are taken more often" : ""}.` : "");
     lightTree(drawn, treeNow());
   };
   const retell = () => {
