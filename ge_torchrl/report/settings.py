@@ -17,22 +17,13 @@ _LONGEST = 48
 
 @cache
 def settings_of(config: Config) -> Mapping[str, str]:
-    """Return a configuration as texts by dotted key, without seed and measured speed.
-
-    A budget that follows from the measured speed reads "by speed": two runs that left it open were told alike.
-    """
-    flat = dict(_flat(config.as_mapping()))
-    for key in _FROM_SPEED:
-        if _follows_speed(config, key):
-            flat[key] = "by speed"
-    return {key: value for key, value in flat.items() if key not in _NO_SETTINGS}
+    """Return a configuration as texts by dotted key, without seed and measured speed."""
+    return {key: value for key, value in _flat(config.as_mapping()) if key not in _NO_SETTINGS}
 
 
 def differing(configs: Sequence[Config]) -> list[str]:
     """Return the keys whose values are not the same in all configurations, in the order of `Config`."""
-    told = [settings_of(config) for config in configs]
-    keys = dict.fromkeys(key for settings in told for key in settings)
-    return [key for key in keys if len({settings.get(key, "") for settings in told}) > 1]
+    return _differing(_compared(configs))
 
 
 def labels_of(configs: Sequence[Config]) -> list[str]:
@@ -43,12 +34,13 @@ def labels_of(configs: Sequence[Config]) -> list[str]:
     Returns:
         Texts such as `ge.generations=50, refiner.method=none`; empty ones where nothing differs.
     """
-    keys = differing(configs)
-    wholes = [tuple(settings_of(config).get(key, "") for key in keys) for config in configs]
+    compared = _compared(configs)
+    keys = _differing(compared)
     of_text: dict[str, dict[tuple[str, ...], int]] = {}
     labels = []
-    for config, whole in zip(configs, wholes, strict=True):
-        text = ", ".join(f"{key}={shown_setting(config, key)}" for key in keys)
+    for settings in compared:
+        whole = tuple(settings.get(key, "") for key in keys)
+        text = ", ".join(f"{key}={_short(value)}" for key, value in zip(keys, whole, strict=True))
         number = of_text.setdefault(text, {}).setdefault(whole, len(of_text[text]) + 1)
         labels.append(text if number == 1 else f"{text} (another, {number})")
     return labels
@@ -56,8 +48,28 @@ def labels_of(configs: Sequence[Config]) -> list[str]:
 
 def shown_setting(config: Config, key: str) -> str:
     """Return the value of a setting on one short line; "" where there is none of this name."""
-    value = " ".join(settings_of(config).get(key, "").split())
-    return value if len(value) <= _LONGEST else f"{value[: _LONGEST - 1]}…"
+    return _short(settings_of(config).get(key, ""))
+
+
+def _short(value: str) -> str:
+    line = " ".join(value.split())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
+
+
+def _compared(configs: Sequence[Config]) -> list[Mapping[str, str]]:
+    """Return the settings of configurations; where budgets differ that follow the measured speed, they are alike."""
+    told = [dict(settings_of(config)) for config in configs]
+    for key in _FROM_SPEED:
+        if len({settings[key] for settings in told}) > 1:
+            for config, settings in zip(configs, told, strict=True):
+                if _follows_speed(config, key):
+                    settings[key] = "by speed"
+    return list(told)
+
+
+def _differing(told: Sequence[Mapping[str, str]]) -> list[str]:
+    keys = dict.fromkeys(key for settings in told for key in settings)
+    return [key for key in keys if len({settings.get(key, "") for settings in told}) > 1]
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -68,6 +80,7 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, st
             yield f"{prefix}{name}", "null" if value is None else str(value)
 
 
+@cache
 def _follows_speed(config: Config, key: str) -> bool:
     """Tell whether a budget is what the measured speed gives where nobody sets it."""
     section, name = key.split(".")

@@ -15,7 +15,7 @@ from ge_torchrl.report.html.writing import write_pages
 from ge_torchrl.report.jobs import unfinished_jobs
 from ge_torchrl.report.pages import write_report
 from ge_torchrl.report.runs import read_runs
-from ge_torchrl.report.settings import differing, settings_of
+from ge_torchrl.report.settings import differing, labels_of
 
 
 @pytest.fixture
@@ -75,10 +75,13 @@ def test_budgets_that_follow_the_measured_speed_are_no_difference(sweep):
     )
     slow, slower = (left_open.resolved(speed) for speed in (20_000.0, 23_000.0))
     assert slow.ge.max_env_steps != slower.ge.max_env_steps
-    assert settings_of(slow)["ge.max_env_steps"] == "by speed"
     assert differing([slow, slower]) == []
     asked = replace(slow, ge=replace(slow.ge, max_env_steps=1234))
     assert differing([slow, asked]) == ["ge.max_env_steps"]
+    assert labels_of([slow, slower, asked]) == [*["ge.max_env_steps=by speed"] * 2, "ge.max_env_steps=1234"]
+    # A number that somebody typed may be what the speed gives, by chance.
+    typed = replace(slower, ge=replace(slower.ge, max_env_steps=slow.ge.max_env_steps))
+    assert labels_of([slow, typed]) == ["", ""]
 
 
 def test_long_values_are_told_apart_by_all_of_them(tmp_path):
