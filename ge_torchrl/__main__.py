@@ -38,6 +38,7 @@ from ge_torchrl import __version__
 from ge_torchrl.cli import verb_of
 from ge_torchrl.cli.choices import (
     CONF,
+    as_meant,
     choices,
     config_from,
     folder_from,
@@ -95,10 +96,10 @@ def _run(arguments: list[str]) -> int:
         return OK
     _prepare_hydra()
     options = options_of_run(get_args_parser(), arguments)
-    typed = options.overrides
+    typed, options.overrides = options.overrides, as_meant(options.overrides)
     if options.config_name is None and options.config_path is None:
-        options.overrides = with_environment(typed)
-        arguments = [*(word for word in arguments if word not in typed), *options.overrides]
+        options.overrides = with_environment(options.overrides)
+    arguments = [*(word for word in arguments if word not in typed), *options.overrides]
     _check(options)
     statuses, process = list[int](), os.getpid()
 
@@ -156,7 +157,7 @@ def _job(values: DictConfig) -> int:
 def _composed(words: list[str]) -> Config:
     """Return the configuration of one run that these words would begin."""
     _prepare_hydra()
-    options = options_of_run(get_args_parser(), with_environment(words))
+    options = options_of_run(get_args_parser(), with_environment(as_meant(words)))
     (config,) = _configs(options)
     return config
 
@@ -222,9 +223,6 @@ def _check_override(override: Override, *, sweep: bool) -> None:
         )
     if override.is_sweep_override() and not sweep:
         raise ConfigError(f"{key} must be one value; got {override.input_line}; for a run of each, add -m")
-    if key == "env.symmetry" and not override.is_sweep_override() and override.value() == {}:
-        # Hydra merges keys with values, so that none of them change nothing.
-        raise ConfigError(f"{key} must be keys with values or null; got {{}}; type {key}=null to do without")
     names_a_file = override.is_sweep_override() or override.is_delete() or isinstance(override.value(), str)
     if names_a_file:
         check_group(key)

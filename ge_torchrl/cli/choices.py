@@ -1,5 +1,6 @@
 """The folder conf/: where it lies, what its groups offer, and what another folder may add."""
 
+import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -13,6 +14,8 @@ CONF = next(path for path in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if pa
 """A wheel carries the configuration within the package, a checkout beside it."""
 
 _NO_ENVIRONMENT = "env=default"
+_NO_MIRROR = "env.symmetry=null"
+_EMPTY_MIRROR = re.compile(r"\+{0,2}env\.symmetry=\s*\{\s*\}\s*")
 
 
 def folder_from(config_path: str | None) -> Path:
@@ -25,6 +28,11 @@ def choices(group: str) -> list[str]:
     folder = CONF / group
     paths = (path for path in folder.rglob("*.yaml") if not path.name.startswith("_"))
     return sorted(path.relative_to(folder).with_suffix("").as_posix() for path in paths)
+
+
+def as_meant(words: Sequence[str]) -> list[str]:
+    """Return overrides with null for a mirror without keys: Hydra merges keys, so that none of them change nothing."""
+    return [_NO_MIRROR if _EMPTY_MIRROR.fullmatch(word) else word for word in words]
 
 
 def with_environment(words: Sequence[str]) -> list[str]:
