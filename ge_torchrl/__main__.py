@@ -36,7 +36,14 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl import __version__
 from ge_torchrl.cli import RUN, verb_of
-from ge_torchrl.cli.choices import config_from, folder_from, searched, with_environment, words_of
+from ge_torchrl.cli.choices import (
+    as_meant,
+    config_from,
+    folder_from,
+    searched,
+    with_environment,
+    words_of,
+)
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
@@ -46,7 +53,6 @@ from ge_torchrl.cli.waiting import looked_at
 from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unreadable
 from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
 from ge_torchrl.config.files import CONF, choices, of_the_thesis, unknown_choice
-from ge_torchrl.config.keys import check_symmetry
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 
 # Where Hydra makes the folders of runs.
@@ -93,10 +99,10 @@ def _run(arguments: list[str]) -> int:
         return OK
     _prepare_hydra()
     options = options_of_run(get_args_parser(), arguments)
-    typed = options.overrides
+    typed, options.overrides = options.overrides, as_meant(options.overrides)
     if options.config_name is None and options.config_path is None:
-        options.overrides = with_environment(typed)
-        arguments = [*(word for word in arguments if word not in typed), *options.overrides]
+        options.overrides = with_environment(options.overrides)
+    arguments = [*(word for word in arguments if word not in typed), *options.overrides]
     _check(options)
     statuses, process = list[int](), os.getpid()
 
@@ -153,7 +159,7 @@ def _job(values: DictConfig) -> int:
 def _composed(words: list[str]) -> Config:
     """Return the configuration of one run that these words would begin."""
     _prepare_hydra()
-    options = options_of_run(get_args_parser(), with_environment(words))
+    options = options_of_run(get_args_parser(), with_environment(as_meant(words)))
     (config,) = _configs(options)
     return config
 
@@ -219,8 +225,6 @@ def _check_override(override: Override, *, sweep: bool) -> None:
         )
     if override.is_sweep_override() and not sweep:
         raise ConfigError(f"{key} must be one value; got {override.input_line}; for a run of each, add -m")
-    if key == "env.symmetry" and not override.is_sweep_override():
-        check_symmetry(override.value())
     names_a_file = override.is_sweep_override() or override.is_delete() or isinstance(override.value(), str)
     if names_a_file:
         check_group(key)

@@ -36,7 +36,7 @@ class Rule:
         choices: The texts allowed; empty allows any that is not blank.
         distinct: Whether the texts of a list have to differ, and none may be blank.
         because: Why; empty where the range speaks for itself.
-        text: What a text is, such as "a Gymnasium id such as CartPole-v1".
+        text: What a text is, such as "a Gymnasium id such as CartPole-v1"; of keys with values an example.
         renamed: Former texts and what they are called now.
     """
 
@@ -62,7 +62,7 @@ class Rule:
         if self.kind == "flag":
             return "true or false"
         if self.kind == "mapping":
-            return "keys with values, such as {gravity: -5}"
+            return f"keys with values, such as {self.text}"
         if self.kind == "text":
             return f"one of {', '.join(self.choices)}" if self.choices else self.text
         if self.kind == "integer":

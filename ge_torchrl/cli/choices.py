@@ -1,5 +1,6 @@
 """What a command line chooses of conf/, and what another folder may add."""
 
+import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -9,11 +10,18 @@ from ge_torchrl.errors import ConfigError
 
 # From which Hydra takes a --config-path.
 _PACKAGE = Path(__file__).resolve().parents[1]
+_NO_MIRROR = "env.symmetry=null"
+_EMPTY_MIRROR = re.compile(r"\+{0,2}env\.symmetry=\s*\{\s*\}\s*")
 
 
 def folder_from(config_path: str | None) -> Path:
     """Return the folder that --config-path names, as Hydra finds it: from the package's; conf/ where none is named."""
     return _PACKAGE / (config_path or CONF)
+
+
+def as_meant(words: Sequence[str]) -> list[str]:
+    """Return overrides with null for a mirror without keys: Hydra merges keys, so that none of them change nothing."""
+    return [_NO_MIRROR if _EMPTY_MIRROR.fullmatch(word) else word for word in words]
 
 
 def with_environment(words: Sequence[str]) -> list[str]:

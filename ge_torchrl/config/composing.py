@@ -13,7 +13,6 @@ from typing import Any
 
 import yaml
 
-from ge_torchrl.config import keys
 from ge_torchrl.config.files import (
     NO_ENVIRONMENT,
     check_sections,
@@ -154,8 +153,8 @@ def _set(values: dict[str, Any], key: object, value: object) -> None:
     if not isinstance(key, str):
         raise ConfigError(f"the keys of settings must be texts such as ge.generations; got {key!r}")
     check_key(key)
-    if key == "env.symmetry":
-        keys.check_symmetry(value)
+    if key == "env.symmetry" and value == {}:
+        value = None  # A mirror without keys is none; merged, no keys would change nothing.
     *sections, name = key.split(".")
     node = values
     for section in sections:

@@ -107,18 +107,6 @@ def check_choice(group: str, choice: str) -> None:
         raise ConfigError(f"{group}={choice} is gone, because {reason}; got {choice}")
 
 
-def check_symmetry(value: object) -> None:
-    """Refuse no keys at all: values are merged with those of a file, so that none of them change nothing.
-
-    Raises:
-        ConfigError: There are none.
-    """
-    if value == {}:
-        raise ConfigError(
-            "env.symmetry must be keys with values or null; got {}; type env.symmetry=null to do without"
-        )
-
-
 def _successor(key: str) -> str | None:
     if whole := _SUCCESSORS.get(key):
         return whole

@@ -27,8 +27,9 @@ class EnvironmentConfig(Section):
         text="a file and a class in it, such as plant.py:Cart",
     )
     kwargs: Mapping[str, Any] = mapping(
+        example="{gravity: -5}",
         doc="What else the environment is made with, such as `env.kwargs.gravity=-5`; of dynamics of your own, "
-        "numbers of their file, such as `env.kwargs.LENGTH=0.4`."
+        "numbers of their file, such as `env.kwargs.LENGTH=0.4`.",
     )
     wrappers: tuple[str, ...] = setting(
         (),
@@ -51,10 +52,11 @@ class EnvironmentConfig(Section):
         "where a continuous action is cut into bins, such as `action_minus_1_6`",
     )
     symmetry: Mapping[str, Any] | None = mapping(
+        example="{negate: [x], actions: {left: right}}",
         doc="The mirror of the environment, where it has one: `negate`, the features that change their sign in it; "
         "`swap`, pairs of features that change places; `actions`, pairs of actions that do; `negate_actions`, entries "
         "of a continuous action that change their sign. Where nothing is said, it is what the class of "
-        "dynamics of your own declares; null does without."
+        "dynamics of your own declares; null does without.",
     )
     solved_at: float | None = setting(None, doc="Mean return from which the task counts as solved.")
     lowest_return: float | None = setting(

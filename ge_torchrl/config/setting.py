@@ -62,10 +62,10 @@ def setting(
     return field(metadata=metadata) if default is REQUIRED else field(default=default, metadata=metadata)
 
 
-def mapping(*, doc: str) -> Any:
+def mapping(*, doc: str, example: str) -> Any:
     """Declare a setting that is keys with values of the user's own, by default none: what JSON can say."""
     # A mapping has no hash; records that differ in it alone are unequal, and that is enough.
-    metadata = {"doc": doc, "declared": {}, "dear": NOT_BY_SPEED}
+    metadata = {"doc": doc, "declared": {"text": example}, "dear": NOT_BY_SPEED}
     return field(default_factory=dict, hash=False, metadata=metadata)
 
 

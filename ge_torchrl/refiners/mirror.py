@@ -141,8 +141,10 @@ def _pairs(symmetry: Mapping[str, Any], key: str, swap: str, names: Sequence[str
         typed = [name for pair in given.items() for name in pair] if is_mapping else given
         is_pair = _is_list(typed) and len(typed) == 2 and all(name in names for name in typed)
         one, other = typed if is_pair else (names[0], names[-1])
+        of_command_line = f"; type {key}.{swap}='[[{one},{other}]]'" if key == "env.symmetry" else ""
         raise ConfigError(
-            f"{key}.{swap} takes pairs of names, such as {swap}: [[{one}, {other}]]; got {_typed(given)}"
+            f"{key}.{swap} takes pairs of names, such as {swap}: [[{one}, {other}]]; "
+            f"got {_typed(given)}{of_command_line}"
         )
     return list(given)
 

@@ -15,6 +15,7 @@ from ge_torchrl.environments.kernel_choice import has_kernel
 from ge_torchrl.environments.mirroring import check_mirror, refuse_what_is_refuted
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
+from ge_torchrl.environments.registry import newer_version
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings, symmetry_of
 from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.generating import choose_grammar
@@ -26,6 +27,8 @@ _GENERATED = "generated"
 # Parts of the seconds of a run that may go by before it, while its environment is looked at: how features lie,
 # whether seeds are obeyed, whether the mirror holds.
 _PROBE_SHARE, _SEEDS_SHARE, _MIRROR_SHARE = 0.1, 0.03, 0.1
+# The first of them has so long in any case [s], in which most environments are looked at fully.
+_PROBE_SECONDS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +74,11 @@ def plan(config: Config) -> Plan:
     seconds = math.inf if config.ge.max_seconds is None else config.ge.max_seconds
     obeys = has_kernel(spec) or obeys_seeds(spec, _SEEDS_SHARE * seconds)
     notes = [] if obeys else [ignores_seeds(spec)]
+    if newer := newer_version(spec.id):
+        notes.append(f"{spec.id} is an old version of this environment; the newest is env.id={newer}.")
 
     def seen() -> Probe:
-        return probe(spec, _PROBE_SHARE * seconds)
+        return probe(spec, max(_PROBE_SECONDS, _PROBE_SHARE * seconds))
 
     if not spec.has_limit:
         config = replace(config, env=replace(config.env, max_episode_steps=seen().limit))

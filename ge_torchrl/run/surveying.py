@@ -15,6 +15,7 @@ from ge_torchrl.environments.kernel_choice import has_kernel
 from ge_torchrl.environments.mirroring import Verdict, check_mirror
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
+from ge_torchrl.environments.registry import newer_version
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.plan import carried_on, check_names, declared_mirror
@@ -51,6 +52,8 @@ class Survey:
         for what, names in (("arguments", spec.names.kwargs), ("wrappers", spec.names.wrappers)):
             if names:
                 yield f"{what:<13} {', '.join(f'{n}={names[n]}' if isinstance(names, dict) else n for n in names)}"
+        if newer := newer_version(spec.id):
+            yield f"version       old; the newest is {newer}"
         yield f"observation   {counted(spec.n_features, 'number')}"
         yield f"action        {self._actions()}"
         yield f"limit         {self._limit()}"

@@ -80,6 +80,10 @@ CONF = ROOT / "conf"
             ["env.symmetry={negate: [x], actions: [left, right]}"],
             "expected a list where one belongs, and keys with values where these do; got env.symmetry={negate: [x], ",
         ),
+        (
+            ["env=cartpole", "env.symmetry=x"],
+            "env.symmetry must be keys with values, such as {negate: [x], actions: {left: right}} or null; got 'x'",
+        ),
         (["ge=[1]"], "expected a list where one belongs, and keys with values where these do; got ge=[1]"),
         (
             ["env.features={a: b}"],

@@ -108,6 +108,15 @@ def test_a_look_ends_after_the_seconds_that_it_has_but_for_a_few_steps(monkeypat
 
 
 @pytest.mark.usefixtures("own_clock")
+def test_other_programs_that_hold_up_some_steps_change_nothing(monkeypatch, caplog):
+    taken = iter([1.0 if step % 4 == 0 else 0.0 for step in range(1, 50)])
+    monkeypatch.setattr(TakingEnv, "seconds", property(lambda _: next(taken, 0.0)))
+    described = describe(register(TakingEnv))
+    assert probe(described, math.inf).steps == 3000
+    assert not caplog.records
+
+
+@pytest.mark.usefixtures("own_clock")
 def test_seeds_are_tried_for_the_seconds_that_there_are(monkeypatch):
     monkeypatch.setattr(TakingEnv, "seconds", 0.1)
     described, started = describe(register(TakingEnv)), time.perf_counter()

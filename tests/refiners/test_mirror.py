@@ -140,7 +140,7 @@ def test_without_ties_all_numbers_are_free():
         ),
         (
             {"swap": ["x", "y"]},
-            r"env\.symmetry\.swap takes pairs of names, such as swap: \[\[x, y\]\]; got \['x'",
+            r"such as swap: \[\[x, y\]\]; got \['x', 'y'\]; type env\.symmetry\.swap='\[\[x,y\]\]'",
         ),
         ({"swap": 3}, r"env\.symmetry\.swap takes pairs of names, such as swap: \[\[x, \w+\]\]; got 3"),
         ({"swap": None}, r"env\.symmetry\.swap takes pairs of names, .*; got null"),

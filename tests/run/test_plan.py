@@ -1,3 +1,4 @@
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -97,6 +98,19 @@ def test_an_environment_without_a_limit_gets_one_and_a_word_about_it():
 def test_an_environment_that_ignores_its_seeds_is_told():
     (note,) = plan(any_environment(register(UnseededEnv), max_episode_steps=50)).notes
     assert note.startswith("TestUnseededEnv-v0 ignores reset(seed=...)")
+
+
+def test_an_old_version_beside_a_newer_one_is_told_once_and_in_our_words():
+    for version in (0, 1):
+        gym.register(f"Renewed-v{version}", CountdownEnv, max_episode_steps=10)
+    # Gymnasium's own warning would be an error here.
+    with warnings.catch_warnings():
+        notes = plan(any_environment("Renewed-v0")).notes
+        n_filters = len(warnings.filters)
+        assert plan(any_environment("Renewed-v0")).notes == notes
+        assert len(warnings.filters) == n_filters
+    assert notes == ("Renewed-v0 is an old version of this environment; the newest is env.id=Renewed-v1.",)
+    assert plan(any_environment("Renewed-v1")).notes == ()
 
 
 def test_a_wrapper_that_carries_state_is_told_and_not_the_environment():
