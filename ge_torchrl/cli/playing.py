@@ -1,5 +1,6 @@
 """`play`: an episode to watch."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -15,6 +16,9 @@ def play(arguments: list[str]) -> int:
     variables = {"PYGAME_HIDE_SUPPORT_PROMPT": "1"}
     if options.out is not None:
         variables["SDL_VIDEODRIVER"] = "dummy"
+        if sys.platform == "linux":
+            # MuJoCo would open a window of its own, and end the program where there is no display.
+            variables["MUJOCO_GL"] = os.environ.get("MUJOCO_GL", "egl")
     with seen_by_others(sys.argv[1:], variables):
         from ge_torchrl.play.playing import play as play_episode
         from ge_torchrl.report.reading import read_tree
