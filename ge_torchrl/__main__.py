@@ -34,7 +34,6 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf._utils import get_omega_conf_dumper
 from omegaconf.errors import OmegaConfBaseException
 
-from ge_torchrl import __version__
 from ge_torchrl.cli import RUN, verb_of
 from ge_torchrl.cli.choices import (
     as_meant,
@@ -54,6 +53,7 @@ from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, 
 from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
 from ge_torchrl.config.files import CONF, choices, of_the_thesis, unknown_choice
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
+from ge_torchrl.version import __version__
 
 # Where Hydra makes the folders of runs.
 _FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")

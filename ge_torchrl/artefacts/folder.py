@@ -72,19 +72,20 @@ class RunFolder:
         return str(self.path)
 
     @classmethod
-    def create(cls, path: Path, config: Config) -> Self:
+    def create(cls, path: Path, config: Config, key: str = "hydra.run.dir") -> Self:
         """Make the folder and write the configuration into it.
 
         Args:
             path: The folder; it may exist, but must hold no run.
             config: The run's configuration.
+            key: What the user calls the folder.
 
         Raises:
             ArtefactError: The folder holds a run already, or cannot be written.
         """
         if (path / SUMMARY).exists() or (path / HISTORY).exists():
             raise ArtefactError(
-                f"hydra.run.dir must be a folder without a run, so that nothing is lost; {path} holds one already"
+                f"{key} must be a folder without a run, so that nothing is lost; {path} holds one already"
             )
         folder = cls(path)
         try:
@@ -93,7 +94,7 @@ class RunFolder:
             folder.write_config(config)
         except ArtefactError as error:
             raise ArtefactError(
-                f"hydra.run.dir must be a folder that can be written, because a run leaves its files there; {error}"
+                f"{key} must be a folder that can be written, because a run leaves its files there; {error}"
             ) from error
         return folder
 

@@ -48,12 +48,22 @@ def evaluate(
     Raises:
         UserError: There is no such tree, it does not fit the environment, or the environment failed.
     """
-    tree, spec = read_tree(path, nodes)
+    return evaluate_tree(*read_tree(path, nodes), episodes, seed, route)[0]
+
+
+def evaluate_tree(
+    tree: DecisionTree, spec: EnvironmentSpec, episodes: int, seed: int, route: str = "auto"
+) -> tuple[EvaluationSummary, NDArray[np.float64]]:
+    """Test a tree in an environment; see `evaluate`.
+
+    Returns:
+        What the tree did, and what it returned in each episode, [E] float64.
+    """
     with closing(open_backend(spec, route)) as backend:
         outcomes = backend.evaluate(Forest.stack([tree]), np.arange(seed, seed + episodes), _TEST)
     returns = outcomes.returns[0]
     mean = float(returns.mean())
-    return EvaluationSummary(
+    summary = EvaluationSummary(
         environment=spec.id,
         mean=mean,
         std=float(returns.std()),
@@ -66,6 +76,7 @@ def evaluate(
         route=backend.name,
         decision_nodes=tree.num_decision_nodes,
     )
+    return summary, returns
 
 
 def is_above_runs(path: Path) -> bool:

@@ -10,7 +10,6 @@ from zlib import crc32
 
 import numpy as np
 
-from ge_torchrl import __version__
 from ge_torchrl.artefacts.texts import told_of, write_text
 from ge_torchrl.report.canvas import save_figure
 from ge_torchrl.report.drawing import save_tree
@@ -24,6 +23,7 @@ from ge_torchrl.report.tables import counted
 from ge_torchrl.report.thesis.beside import published_beside, refinements_of
 from ge_torchrl.report.thesis.figures import pairs_figure, ringed, solving_figure
 from ge_torchrl.report.thesis.pairs import Pair, comparison_text, pair_by_seed, telling_pairs
+from ge_torchrl.version import __version__
 
 REPORT = "report.md"
 # A file system ends a name at 255 bytes.

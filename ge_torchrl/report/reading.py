@@ -34,7 +34,7 @@ def read_tree(path: Path, nodes: int | None) -> tuple[DecisionTree, EnvironmentS
         return controller.tree, environment_of_run(RunFolder(path), controller)
     run = path.parent.parent if path.parent.name == ARCHIVE_TREES else path.parent
     env = RunFolder(run).read_config().env if (run / CONFIG).exists() else None
-    return controller.tree, _environment_of(path, controller, env)
+    return controller.tree, environment_of_tree(controller, env, path)
 
 
 def environment_of_run(folder: RunFolder, controller: Controller) -> EnvironmentSpec:
@@ -52,8 +52,19 @@ def environment_of_run(folder: RunFolder, controller: Controller) -> Environment
     return spec
 
 
-def _environment_of(path: Path, controller: Controller, of_run: EnvironmentConfig | None) -> EnvironmentSpec:
-    """Describe the environment that a tree's own file names, wherever it lies; its run may know a threshold."""
+def environment_of_tree(
+    controller: Controller, of_run: EnvironmentConfig | None = None, source: Path | str = "the tree"
+) -> EnvironmentSpec:
+    """Describe the environment that a tree itself names, wherever it lies.
+
+    Args:
+        controller: The tree with its names.
+        of_run: The environment of its run, which may know a threshold.
+        source: The tree's name in warnings.
+
+    Raises:
+        UserError: The environment is at fault, or has changed so that the tree does not fit it.
+    """
     names = controller.names
     _check_plant(names, of_run)
     spec = None if of_run is None else describe_settings(of_run)
@@ -68,7 +79,7 @@ def _environment_of(path: Path, controller: Controller, of_run: EnvironmentConfi
             wrappers=names.wrappers,
         )
     _check_fit(controller, spec)
-    _tell_of_another_plant(path, names, spec)
+    _tell_of_another_plant(source, names, spec)
     return spec
 
 
@@ -109,13 +120,13 @@ def _kind(actions: Sequence[str], *, is_continuous: bool) -> str:
     return f"{'numbers for' if is_continuous else 'one of'} {', '.join(actions)}"
 
 
-def _tell_of_another_plant(path: Path, of_tree: Names, spec: EnvironmentSpec) -> None:
+def _tell_of_another_plant(source: Path | str, of_tree: Names, spec: EnvironmentSpec) -> None:
     """Say in a line where a user's own dynamics are others than those that a tree was made for."""
     if of_tree.source and of_tree.id == spec.id and of_tree.source != spec.names.source:
         _logger.warning(
             "The file of %s has changed since %s was made; the tree is measured with the plant as it is now.",
             spec.id,
-            path,
+            source,
         )
 
 

@@ -78,6 +78,19 @@ def bootstrap_band(
     return band
 
 
+def mean_interval(mean: float, std: float, n: int, confidence: float = 0.95) -> Interval:
+    """Return the interval of a mean over many values, by the normal distribution: `mean ± z std / sqrt(n)`.
+
+    Args:
+        mean: Mean of the values.
+        std: Their standard deviation.
+        n: Their number, at least 1: hundreds, as episodes of a test are.
+        confidence: Share of such intervals that contain the truth, nearly.
+    """
+    margin = NormalDist().inv_cdf((1 + confidence) / 2) * std / n**0.5
+    return Interval(mean - margin, mean + margin)
+
+
 def wilson_interval(successes: int, n: int, confidence: float = 0.95) -> Interval:
     """Return Wilson's interval of a rate, which is sound for few trials and for rates of 0 and 1.
 

@@ -24,11 +24,11 @@ _CHAMPION_FROM = {
 
 def tree_text(controller: Controller) -> str:
     """Return a tree for a person: drawn, then as rules."""
-    parts = (_drawn(controller), render_rules(controller.tree, controller.names))
+    parts = (drawn(controller), render_rules(controller.tree, controller.names))
     return "\n\n".join(parts) + "\n"
 
 
-def _drawn(controller: Controller) -> str:
+def drawn(controller: Controller) -> str:
     """Return a tree drawn, with a line below it where its leaves may answer what lies outside the action's bounds."""
     tree, names = controller.tree, controller.names
     told = clipping_text(tree, names)
@@ -81,7 +81,7 @@ def closing_text(
     ]
     sizes = by_size(trees_of_archive(archive, summary.seed, summary.decision_nodes))
     parts = [
-        _drawn(controller),
+        drawn(controller),
         *([sizes_table(sizes).aligned()] if sizes else []),
         "\n".join(_row(name, text, width) for name, text in rows),
     ]

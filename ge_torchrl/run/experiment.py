@@ -94,7 +94,7 @@ def carry_out(
     config: Config,
     keep: Callable[[Config], Artefacts],
     console: Console,
-    observer: Observer = lambda _record, _state: False,
+    observer: Observer = lambda _record, _state, _names: False,
 ) -> Finished:
     """Run an experiment, wherever it leaves its artefacts and whoever looks on.
 
@@ -273,7 +273,7 @@ class _Run:
         record = generation_record(state, events, self.backend.steps.total(), elapsed)
         self.history.write(record)
         self.progress.show(record)
-        return self.observer(record, state)
+        return self.observer(record, state, self.names)
 
     def _save_what_there_is(self) -> str:
         """Save the best tree so far and the kept ones, and return what to say of them."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, Summary
 from ge_torchrl.search.state import SearchState
-from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.controller import Controller, Names
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,5 +32,5 @@ class Finished:
     improved: int
 
 
-Observer = Callable[[GenerationRecord, SearchState], bool]
+Observer = Callable[[GenerationRecord, SearchState, Names], bool]
 """Is told of each generation, and may stop the search there."""

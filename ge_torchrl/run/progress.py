@@ -17,6 +17,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.costs import NOTHING, Cost
+from ge_torchrl.run.notebook import NotebookConsole, NotebookLive
 from ge_torchrl.run.remaining import Estimate, Pace, duration, rate
 
 # The table shows the generations that brought something new, and the last one.
@@ -69,13 +70,13 @@ class Progress:
         self._steps = 0
         self._left: float | None = None
         self._left_from = 0.0
-        self._live: Live | None = None
+        self._live: Live | NotebookLive | None = None
         self._started = self._shown_at = self._said_at = time.monotonic()
 
     def __enter__(self) -> Self:
         self._started = self._said_at = time.monotonic()
         if self._console.is_terminal:
-            self._live = Live(console=self._console, auto_refresh=False, transient=False)
+            self._live = _live(self._console)
             self._live.start()
             self._refresh()
         else:
@@ -240,6 +241,12 @@ _WIDTHS = {
     _RATE: 8,
     _LEFT: 7,
 }
+
+
+def _live(console: Console) -> Live | NotebookLive:
+    if isinstance(console, NotebookConsole):
+        return NotebookLive(console)
+    return Live(console=console, auto_refresh=False, transient=False)
 
 
 def print_line(console: Console, line: str) -> None:

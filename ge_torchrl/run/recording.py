@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ge_torchrl import __version__
 from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
@@ -23,6 +22,7 @@ from ge_torchrl.search.state import Events, RefinementEvent, SearchState
 from ge_torchrl.trees.complexity import complexity
 from ge_torchrl.trees.controller import Controller, Names
 from ge_torchrl.trees.tree import DecisionTree
+from ge_torchrl.version import __version__
 
 
 def generation_record(

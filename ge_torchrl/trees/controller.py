@@ -120,11 +120,23 @@ class Controller:
                 f"{self.names.id} is observed by {len(self.names.features)} features; "
                 f"this observation has shape {list(observed.shape)}"
             )
-        answer = self.tree.decide(observed[np.newaxis])[0]
+        answer = self.decide(observed[np.newaxis])[0]
+        return int(answer) if self.tree.has_actions else answer
+
+    def decide(self, observations: FloatArray) -> NDArray[Any]:
+        """Return the answers to many observations.
+
+        Args:
+            observations: [N, D] float32.
+
+        Returns:
+            [N] numbers of actions; where leaves hold values, [N, A] float32, clipped to the bounds of the actions.
+        """
+        answers = self.tree.decide(observations)
         if self.tree.has_actions:
-            return int(answer)
+            return answers
         low, high = np.array(self.names.action_bounds or [(-np.inf, np.inf)], np.float32).T
-        clipped: FloatArray = np.clip(answer, low, high)
+        clipped: FloatArray = np.clip(answers, low, high)
         return clipped
 
 
