@@ -51,6 +51,11 @@ class RunMemory:
     def __str__(self) -> str:
         return "memory"
 
+    @property
+    def path(self) -> None:
+        """Where it lies: nowhere."""
+        return
+
     def history_writer(self) -> AbstractContextManager[Records]:
         """Open the history for writing, record by record."""
         return nullcontext(_Lines(self._history))

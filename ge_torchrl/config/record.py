@@ -49,6 +49,13 @@ class Config(Section):
         because="seeds of random numbers are not negative",
         doc="The one seed from which all randomness of the run follows.",
     )
+    logger: str = setting(
+        "none",
+        choices=("none", "csv", "tensorboard", "wandb", "mlflow"),
+        doc="A tracker that is told of every generation and of the verdict, by TorchRL's loggers; what it writes "
+        "lies in the run's folder. All but `csv` need the extra `trackers`. One that fails is left out, and the run "
+        "goes on.",
+    )
 
     def check_together(self) -> None:
         """Refuse episodes that fit into no memory: those of many trees at once, and multiples of many."""

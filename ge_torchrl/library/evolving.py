@@ -13,6 +13,7 @@ from ge_torchrl.artefacts.records import GenerationRecord
 from ge_torchrl.checks import refuse
 from ge_torchrl.config import Config
 from ge_torchrl.config.composing import compose
+from ge_torchrl.errors import ConfigError
 from ge_torchrl.library.generation import Callback, Generation, stops
 from ge_torchrl.library.result import Result
 from ge_torchrl.library.showing import console_for
@@ -75,6 +76,10 @@ def evolve(
         "experiment": experiment,
     }
     config = compose(environment, chosen, {"seed": seed, **(settings or {})})
+    if out is None and config.logger != "none":
+        raise ConfigError(
+            f"logger={config.logger} writes beside the files of a run, so expected out, a folder; got none"
+        )
     watching = _Watching(callback)
 
     def keep(decided: Config) -> Artefacts:

@@ -30,6 +30,7 @@ from ge_torchrl.run.loop import Search
 from ge_torchrl.run.plan import Plan, plan
 from ge_torchrl.run.progress import Progress, print_line
 from ge_torchrl.run.recording import (
+    best_by_nodes,
     generation_record,
     refinement_records,
     summary_of,
@@ -38,6 +39,7 @@ from ge_torchrl.run.recording import (
 from ge_torchrl.run.refining import refiners_of, with_batches
 from ge_torchrl.run.remaining import fraction_after_search
 from ge_torchrl.run.telling import warnings_told
+from ge_torchrl.run.tracking import tracking
 from ge_torchrl.run.warming import compile_kernels, is_first_of_its_kind
 from ge_torchrl.search.conclusion import (
     Verdict,
@@ -169,6 +171,8 @@ class _Run:
             self.history: Records = opened.enter_context(self.folder.history_writer())
             if self.problem.refiner is not None:
                 self.refinements: Records = opened.enter_context(self.folder.refinements_writer())
+            name = f"{self.backend.spec.id} {method_of(config)} seed {config.seed}"
+            self.tracker = opened.enter_context(tracking(config, self.folder.path, name))
             self.progress = opened.enter_context(self._progress())
             self.backend.on_steps = self.progress.beat
             opened.enter_context(last_words(self._save_what_there_is))
@@ -191,7 +195,8 @@ class _Run:
             records = write_verdict(config, self.names, self.folder, verdict)
             self.backend.limit = self.allowance.until(Phase.RECORD)
             keep_episodes(self.folder, self.problem, verdict)
-        summary = self._summary(verdict, stopped_by, evolve_seconds)
+            summary = self._summary(verdict, stopped_by, evolve_seconds)
+            self.tracker.verdict(summary)
         self.folder.write_summary(summary)
         champion = Controller(verdict.champion.pruned, self.names)
         refiner = refiner_of(method_of(config))
@@ -272,7 +277,9 @@ class _Run:
         elapsed = time.perf_counter() - self.started
         record = generation_record(state, events, self.backend.steps.total(), elapsed)
         self.history.write(record)
-        self.progress.show(record)
+        kept = best_by_nodes(state.archive)
+        self.tracker.generation(record, kept)
+        self.progress.show(record, kept)
         return self.observer(record, state, self.names)
 
     def _save_what_there_is(self) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from types import TracebackType
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType, TracebackType
 from typing import Self
 
 from rich.console import Console, Group
@@ -18,6 +19,7 @@ from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.costs import NOTHING, Cost
 from ge_torchrl.run.notebook import NotebookConsole, NotebookLive
+from ge_torchrl.run.refinement_lines import number, planned_refinements, refinement_line
 from ge_torchrl.run.remaining import Estimate, Pace, duration, rate
 
 # The table shows the generations that brought something new, and the last one.
@@ -58,13 +60,14 @@ class Progress:
         self._console = console
         self._generations = generations
         self._refiner = refiner_of(method_of(config))
-        self._refines_often = _planned_refinements(config) > _MOST_REFINEMENTS
+        self._refines_often = planned_refinements(config) > _MOST_REFINEMENTS
         self._columns = _columns(config)
         self._estimate = Estimate(config, fraction_after_search, refinement)
         self._left_after: dict[int, float] = {}
         self._compiles = compiles
         self._milestones: list[GenerationRecord] = []
         self._last: GenerationRecord | None = None
+        self._kept: Mapping[int, float] = MappingProxyType({})
         self._printed: GenerationRecord | None = None
         self._phase = "generation 0"
         self._steps = 0
@@ -96,9 +99,14 @@ class Progress:
             self._live.stop()
         self._print_held()
 
-    def show(self, record: GenerationRecord) -> None:
-        """Show one more generation."""
-        self._last = record
+    def show(self, record: GenerationRecord, kept: Mapping[int, float] = MappingProxyType({})) -> None:
+        """Show one more generation.
+
+        Args:
+            record: The generation.
+            kept: The fitness of the best kept tree of each number of decision nodes.
+        """
+        self._last, self._kept = record, kept
         self._phase = f"generation {record.generation + 1}" if not self._is_last(record) else ""
         self._steps = max(self._steps, record.env_steps)
         self._left, self._left_from = self._estimate.seconds_left(record), time.monotonic()
@@ -114,7 +122,7 @@ class Progress:
         """Show a refinement above the live table, or as a line of its own; of many only new bests and failures."""
         if self._refines_often and not (record.new_best or record.outcome == "failed"):
             return
-        self._print(_refinement_line(record, self._refiner))
+        self._print(refinement_line(record, self._refiner))
 
     def say(self, phase: str) -> None:
         """Say what begins now, such as "Validating"; a generation ends it."""
@@ -212,13 +220,19 @@ class Progress:
             ProgressBar(total=self._generations, completed=done, width=40),
             Text(f"{done} of {counted(self._generations, 'generation')}", style="dim"),
         )
-        return Group(table, below, status)
+        return Group(table, *self._by_nodes(), below, status)
+
+    def _by_nodes(self) -> Iterator[Text]:
+        """Yield the best kept trees in one line, or two: what there is to choose from if the run ended now."""
+        if self._kept:
+            best = "  ".join(f"{nodes}: {number(fitness)}" for nodes, fitness in self._kept.items())
+            yield Text(f"best by decision nodes  {best}")
 
     def _cells(self, record: GenerationRecord) -> list[str]:
         cells = {
             _GENERATION: str(record.generation),
-            _BEST: _number(record.best),
-            _MEDIAN: _number(record.median_fitness),
+            _BEST: number(record.best),
+            _MEDIAN: number(record.median_fitness),
             _NODES: "-" if record.best_decision_nodes is None else str(record.best_decision_nodes),
             _REFINED: f"{record.refined:,}",
             _POLISHED: f"{record.polished:,}",
@@ -260,43 +274,5 @@ def _columns(config: Config) -> tuple[str, ...]:
     return _GENERATION, _BEST, _MEDIAN, _NODES, *counts, _RATE, _LEFT
 
 
-def _planned_refinements(config: Config) -> int:
-    """Return how many trees will be refined at most, those proposed by the archive included."""
-    if not config.refiner.enabled:
-        return 0
-    scheduled = sum(map(config.refiner.schedule.applies_to, range(config.ge.generations)))
-    proposals = config.archive.neighbours + (config.archive.revisit_factor > 0)
-    return scheduled * (config.refiner.candidates + proposals)
-
-
 def _improves(record: GenerationRecord, on: GenerationRecord) -> bool:
     return record.best is not None and (on.best is None or record.best > on.best)
-
-
-def _refinement_line(record: RefinementRecord, refiner: str) -> str:
-    front = f"generation {record.generation}  {refiner}:"
-    if record.outcome == "skipped":
-        tried = f" in {counted(record.redraws, 'redraw')}" * (record.redraws > 0)
-        return f"{front} skipped, no tree could be a candidate{tried}"
-    what = f"{front} {_described(record)} of {counted(record.decision_nodes or 0, 'node')}"
-    if record.outcome == "failed":
-        return f"{what} kept as it was, {record.failure}, {record.refine_seconds:.1f} s"
-    verdict = "new best" if record.new_best else record.outcome.replace("_", " ")
-    return (
-        f"{what}, {_number(record.return_before)} -> {_number(record.return_after)} on unseen episodes, "
-        f"{verdict}, {record.refine_seconds:.1f} s"
-    )
-
-
-def _described(record: RefinementRecord) -> str:
-    match record.origin:
-        case "neighbour":
-            return "neighbour"
-        case "archive":
-            return "kept tree"
-        case _:
-            return f"{record.chosen} tree" if record.chosen else "tree"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"

@@ -49,6 +49,14 @@ def generation_record(
     )
 
 
+def best_by_nodes(archive: Archive) -> dict[int, float]:
+    """Return the fitness of the best kept tree of each number of decision nodes, from small to large."""
+    best: dict[int, float] = {}
+    for member in archive.members:
+        best.setdefault(member.tree.num_decision_nodes, member.archive_fitness)
+    return best
+
+
 def refinement_records(state: SearchState, events: Events) -> list[RefinementRecord]:
     """Return a record for each tree that the refiner refined, or for that no candidate was found."""
     records = [_refinement_record(state.generation, event) for event in events.refinements]

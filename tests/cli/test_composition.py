@@ -51,6 +51,7 @@ def test_the_thesis_stays_what_it_was_whatever_becomes_of_the_defaults(experimen
     grammar = read_grammar(thesis["grammar"]["bnf"], thesis["env"]["features"], thesis["env"]["actions"])
     assert (grammar.splits, grammar.leaves) == ("axis", "action"), "nothing starts dense"
     del thesis["starts"]
+    assert thesis.pop("logger") == "none"
     assert thesis["refiner"]["ppo"].pop("trees_together") is None
     assert thesis == golden
 

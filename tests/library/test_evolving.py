@@ -105,6 +105,7 @@ def test_warnings_go_the_way_of_python_programs(small, monkeypatch, caplog):
         ([], {"settings": {"ge.generation": 3}}, "ge.generation is unknown; .* such as ge.generations"),
         ([], {"seed": -1}, "seed must be an integer of at least 0.*got -1"),
         ([], {"refiner": "pppo"}, "refiner=pppo is unknown; expected one of cmaes, none, ppo, thesis"),
+        ([], {"settings": {"logger": "csv"}}, "logger=csv writes beside the files of a run, so expected out"),
         ([lambda: None], {}, "must be the id of one that is registered"),
     ],
 )
