@@ -37,7 +37,7 @@ from ge_torchrl.run.recording import (
     write_verdict,
 )
 from ge_torchrl.run.refining import refiners_of, with_batches
-from ge_torchrl.run.remaining import fraction_after_search
+from ge_torchrl.run.remaining import after_search
 from ge_torchrl.run.telling import warnings_told
 from ge_torchrl.run.tracking import tracking
 from ge_torchrl.run.warming import compile_kernels, is_first_of_its_kind
@@ -208,7 +208,7 @@ class _Run:
             self.console,
             config.ge.generations,
             config,
-            fraction_after_search(config),
+            self.allowance.ends[Phase.SEARCH],
             refinement_cost(config, self.backend.spec.max_episode_steps),
             compiles=self.backend.name == "kernel",
         )
@@ -279,8 +279,14 @@ class _Run:
         self.history.write(record)
         kept = best_by_nodes(state.archive)
         self.tracker.generation(record, kept)
-        self.progress.show(record, kept)
+        self.progress.show(record, kept, after_search(self.problem, state, self._seconds_per_tree(state)))
         return self.observer(record, state, self.names)
+
+    def _seconds_per_tree(self, state: SearchState) -> float:
+        """Return what the polish of a tree has taken so far; without a polish, its refinement."""
+        if self.problem.polisher is None:
+            return self.refine_seconds / max(1, state.counts.refined)
+        return self.polish_seconds / max(1, state.counts.polished)
 
     def _save_what_there_is(self) -> str:
         """Save the best tree so far and the kept ones, and return what to say of them."""

@@ -41,8 +41,7 @@ class Progress:
         console: Where to; a terminal gets the live table, anything else plain lines.
         generations: How many are planned.
         config: The run's configuration: how trees are refined, and the limits of the run.
-        fraction_after_search: Share of the whole run's time that the last refinement, validation and test are
-            expected to take.
+        search_share: The part of the run's limits at which the search has to end.
         refinement: Guess of what the refinement of a generation takes.
         compiles: Whether kernels may have to be compiled before the first step.
     """
@@ -52,7 +51,7 @@ class Progress:
         console: Console,
         generations: int,
         config: Config,
-        fraction_after_search: float = 0.0,
+        search_share: float = 1.0,
         refinement: Cost = NOTHING,
         *,
         compiles: bool = False,
@@ -62,7 +61,7 @@ class Progress:
         self._refiner = refiner_of(method_of(config))
         self._refines_often = planned_refinements(config) > _MOST_REFINEMENTS
         self._columns = _columns(config)
-        self._estimate = Estimate(config, fraction_after_search, refinement)
+        self._estimate = Estimate(config, search_share, refinement)
         self._left_after: dict[int, float] = {}
         self._compiles = compiles
         self._milestones: list[GenerationRecord] = []
@@ -99,17 +98,23 @@ class Progress:
             self._live.stop()
         self._print_held()
 
-    def show(self, record: GenerationRecord, kept: Mapping[int, float] = MappingProxyType({})) -> None:
+    def show(
+        self,
+        record: GenerationRecord,
+        kept: Mapping[int, float] = MappingProxyType({}),
+        after_search: float = 0.0,
+    ) -> None:
         """Show one more generation.
 
         Args:
             record: The generation.
             kept: The fitness of the best kept tree of each number of decision nodes.
+            after_search: Seconds that what follows the search is expected to take.
         """
         self._last, self._kept = record, kept
         self._phase = f"generation {record.generation + 1}" if not self._is_last(record) else ""
         self._steps = max(self._steps, record.env_steps)
-        self._left, self._left_from = self._estimate.seconds_left(record), time.monotonic()
+        self._left, self._left_from = self._estimate.seconds_left(record, after_search), time.monotonic()
         self._left_after[record.generation] = self._left
         if not self._milestones or _improves(record, self._milestones[-1]):
             self._milestones.append(record)

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Collection
 from dataclasses import dataclass
+from statistics import median
 
 from ge_torchrl.artefacts.records import GenerationRecord
 from ge_torchrl.config import Config
 from ge_torchrl.run.costs import NOTHING, Cost
+from ge_torchrl.search.archive import ARCHIVE
+from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.state import SearchState
 
-# Trees that were refined before converge early: so much of the last budget is spent.
-_SPENT_AT_THE_END = 0.25
-# The share of validation and test in a run without a last refinement.
-_VALIDATION_AND_TEST = 0.05
+# Of the budget of the last refinement so much is spent, since trees that were refined before converge early; and where
+# short lists are polished, whose polish is short. Both were measured on ten runs of each task.
+_SPENT, _SPENT_AFTER_LISTS = 0.28, 1.1
+# Kernels that count visits, over trees that live long, make so many times fewer steps a second than was measured.
+_SLOWER_KERNELS = 2
+# Of the steps of a run with dear steps so much goes into rounding.
+_ROUNDING = 0.05
+# A refinement takes this part of the first one.
+_FIRST_REFINEMENT = 0.7
 # Generations of a kind that tell of those to come: the longer trees live, the longer they take.
 _LATEST = 4
 
@@ -55,35 +64,39 @@ class Estimate:
 
     Args:
         config: The configuration, its budgets resolved.
-        fraction_after_search: Share of the whole run's time that everything after the last generation takes.
+        search_share: The part of the run's limits at which the search has to end.
         refinement: Guess of what a generation's refinement takes.
     """
 
-    def __init__(
-        self, config: Config, fraction_after_search: float = 0.0, refinement: Cost = NOTHING
-    ) -> None:
-        self._config, self._fraction, self._refinement = config, fraction_after_search, refinement
+    def __init__(self, config: Config, search_share: float = 1.0, refinement: Cost = NOTHING) -> None:
+        self._config, self._share, self._refinement = config, search_share, refinement
         self._due = [g for g in range(config.ge.generations) if self._is_refined(g)]
         self._last: GenerationRecord | None = None
         self._first = NOTHING
         self._plain: deque[Cost] = deque(maxlen=_LATEST)
         self._refined: deque[Cost] = deque(maxlen=_LATEST)
 
-    def seconds_left(self, record: GenerationRecord) -> float:
-        """Take notice of one more generation, and return the seconds left after it."""
+    def seconds_left(self, record: GenerationRecord, after_search: float = 0.0) -> float:
+        """Take notice of one more generation, and return the seconds left after it.
+
+        Args:
+            record: The generation.
+            after_search: Seconds that what follows the search is expected to take; see `after_search`.
+        """
         self._notice(record)
-        plain = _mean(self._plain) if self._plain else self._first
-        refined = _mean(self._refined) if self._refined else plain + self._refinement
+        plain = _typical(self._plain) if self._plain else self._first
+        refined = _typical(self._refined) if self._refined else plain + self._refinement
         ge, elapsed = self._config.ge, record.elapsed_seconds
         n_refined = len(self._due) - bisect_right(self._due, record.generation)
         n_plain = ge.generations - record.generation - 1 - n_refined
         search = plain.times(n_plain) + refined.times(n_refined)
         if ge.max_env_steps and search.steps > 0:
-            # Limits end the search so early that the rest has its part.
-            most = (1 - self._fraction) * ge.max_env_steps - record.env_steps
+            most = self._share * ge.max_env_steps - record.env_steps
             search = search.times(max(0.0, min(1.0, most / search.steps)))
-        left = (elapsed + search.seconds) / (1 - self._fraction) - elapsed
-        return max(0.0, left if ge.max_seconds is None else min(left, ge.max_seconds - elapsed))
+        if ge.max_seconds is None:
+            return search.seconds + after_search
+        seconds = min(search.seconds, max(0.0, self._share * ge.max_seconds - elapsed))
+        return max(0.0, min(seconds + after_search, ge.max_seconds - elapsed))
 
     def _notice(self, record: GenerationRecord) -> None:
         last, self._last = self._last, record
@@ -94,15 +107,52 @@ class Estimate:
             took = Cost(
                 record.elapsed_seconds - last.elapsed_seconds, record.env_steps - last.env_steps
             ).times(1 / (record.generation - last.generation))
-            (self._refined if self._is_refined(record.generation) else self._plain).append(took)
+            if self._is_refined(record.generation):
+                # The first one loads PyTorch, and compiles.
+                self._refined.append(took if self._refined else took.times(_FIRST_REFINEMENT))
+            else:
+                self._plain.append(took)
 
     def _is_refined(self, generation: int) -> bool:
         refiner = self._config.refiner
         return refiner.enabled and refiner.schedule.applies_to(generation)
 
 
-def _mean(costs: Collection[Cost]) -> Cost:
-    return sum(costs, NOTHING).times(1 / len(costs))
+def after_search(problem: Problem, state: SearchState, seconds_per_tree: float) -> float:
+    """Return the seconds that the last refinement, rounding, validation and test are expected to take.
+
+    Args:
+        problem: What is searched.
+        state: Its last state.
+        seconds_per_tree: What the polish of a tree has taken so far, or its refinement where there is no polish.
+    """
+    config, backend = problem.config, problem.backend
+    settings, speed = config.archive, config.evaluation.steps_per_second or backend.steps_per_second
+    nodes = Counter(member.tree.num_decision_nodes for member in state.archive.members)
+    seconds = 0.0
+    if problem.refines:
+        n_refined = sum(min(n, settings.final_keep) for size, n in nodes.items() if size > 0)
+        efforts = n_refined * settings.final_factor * settings.final_patience
+        seconds += efforts * seconds_per_tree * (_SPENT_AFTER_LISTS if settings.short_list else _SPENT)
+    if problem.rounds and config.ge.max_env_steps:
+        seconds += _ROUNDING * config.ge.max_env_steps / speed
+    evaluation, n_kept = config.evaluation, nodes.total()
+    episodes = (n_kept + 2) * evaluation.validation_episodes + (len(nodes) + 2) * evaluation.test_episodes
+    slower = _SLOWER_KERNELS if backend.name == "kernel" else 1
+    return seconds + episodes * _kept_length(problem, state) * slower / speed
+
+
+def _kept_length(problem: Problem, state: SearchState) -> float:
+    """Return how many steps an episode of a kept tree has, about: those that were offered are measured alike."""
+    longest = problem.backend.spec.max_episode_steps
+    measured = len(state.archive.offered) * problem.config.archive.episodes
+    # Most trees are offered under two digests, as they came and pruned.
+    steps = 2 * problem.backend.steps[ARCHIVE] / measured if measured else longest
+    return min(longest, steps)
+
+
+def _typical(costs: Collection[Cost]) -> Cost:
+    return Cost(median(cost.seconds for cost in costs), median(cost.steps for cost in costs))
 
 
 def duration(seconds: float | None) -> str:
@@ -120,17 +170,3 @@ def rate(per_second: float) -> str:
         if per_second >= size:
             return f"{per_second / size:.1f} {unit}"
     return f"{per_second:.0f}"
-
-
-def fraction_after_search(config: Config) -> float:
-    """Return the share of a run's time that everything after the last generation takes, as its budgets tell.
-
-    Args:
-        config: The configuration, its budgets resolved.
-    """
-    archive, polish, schedule = config.archive, config.polish, config.refiner.schedule
-    proposals = config.refiner.candidates + archive.neighbours + archive.revisit_factor
-    due = [g for g in range(config.ge.generations) if polish.applies_to(g) or schedule.applies_to(g)]
-    last = archive.final_keep * archive.max_nodes * archive.final_factor * archive.final_patience
-    last_share = _SPENT_AT_THE_END * last
-    return last_share / max(last_share + proposals * len(due), 1) if last else _VALIDATION_AND_TEST
