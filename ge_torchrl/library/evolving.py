@@ -17,6 +17,7 @@ from ge_torchrl.errors import ConfigError
 from ge_torchrl.library.generation import Callback, Generation, stops
 from ge_torchrl.library.result import Result
 from ge_torchrl.library.showing import console_for
+from ge_torchrl.run.episodes import write_page_of_run
 from ge_torchrl.run.experiment import carry_out
 from ge_torchrl.search.state import SearchState
 from ge_torchrl.trees.controller import Names
@@ -86,11 +87,14 @@ def evolve(
         return RunMemory(decided) if out is None else RunFolder.create(Path(out), decided, key="out")
 
     try:
-        finished = carry_out(config, keep, console_for(progress=progress), watching)
+        console = console_for(progress=progress)
+        finished = carry_out(config, keep, console, watching)
     except Exception:
         if watching.fault is not None:
             raise watching.fault from None
         raise
+    if out is not None:
+        write_page_of_run(Path(out), console)
     return Result.of(finished.artefacts)
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from ge_torchrl.config import Config
 
-# A seed is what runs of one setting differ by, and the speed was measured.
-_NO_SETTINGS = frozenset({"seed", "evaluation.steps_per_second"})
+# A seed is what runs of one setting differ by, a logger only looks on, and the speed was measured.
+_NO_SETTINGS = frozenset({"seed", "logger", "evaluation.steps_per_second"})
 # They follow the measured speed where nobody set them, and it is never measured twice alike.
 _FROM_SPEED = ("ge.max_env_steps", "starts.max_timesteps")
 _LONGEST = 48

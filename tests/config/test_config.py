@@ -141,7 +141,7 @@ def test_missing_section_is_reported_by_the_key_that_has_no_default():
         ("sed", r"sed is unknown; .* such as seed; got sed"),
         (
             "zzz",
-            r"zzz is unknown; .* such as env, grammar, ge, evaluation, refiner, polish, archive, starts, seed; got zzz",
+            r"zzz is unknown; .* env, grammar, ge, evaluation, refiner, polish, archive, starts, seed, logger; got zzz",
         ),
         ("seed.x", "seed.x is unknown"),
         ("ge.wraps.x", "ge.wraps.x is unknown"),

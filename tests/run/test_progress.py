@@ -66,13 +66,10 @@ class TestPlainLines:
         assert [line.split()[0] for line in lines[1:]] == ["0", "1", "2"]
 
     def test_the_time_left_covers_what_follows_the_search(self):
-        lines = shown(
-            [record(0, 1.0, elapsed_seconds=8.0, evaluation_seconds=7.9)],
-            2,
-            terminal=False,
-            fraction_after_search=0.5,
-        ).splitlines()
-        assert lines[1].split()[-1] == "0:24"
+        output = io.StringIO()
+        with Progress(console_to(output), 2, config(generations=2)) as progress:
+            progress.show(record(0, 1.0, elapsed_seconds=8.0, evaluation_seconds=7.9), after_search=16.0)
+        assert output.getvalue().splitlines()[1].split()[-1] == "0:24"
 
     def test_a_population_without_any_tree_shows_dashes(self):
         empty = record(0, None, median_fitness=None, mean_fitness=None, best_decision_nodes=None)
@@ -184,6 +181,12 @@ class TestTerminal:
             clock.now += 3.0
             progress.beat(1234)
             assert "generation 0, 1,234 steps of the environment in 0:03" in output.getvalue()
+
+    def test_the_best_kept_tree_of_each_size_stands_below_it(self):
+        output = io.StringIO()
+        with Progress(console_to(output, terminal=True), 10, config(generations=10)) as progress:
+            progress.show(record(0, 1.0), {0: 9.36, 1: 199.18, 2: 500.0})
+        assert "best by decision nodes  0: 9.36  1: 199.18  2: 500.00" in output.getvalue()
 
     def test_a_phase_stands_below_the_table(self):
         output = io.StringIO()

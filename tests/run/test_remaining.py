@@ -3,30 +3,31 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from problems_for_tests import config_of
+from problems_for_tests import Nudge, cartpole, config_of, problem_of
 from records_for_tests import generation
 
 from ge_torchrl.run.costs import NOTHING, Cost
-from ge_torchrl.run.remaining import Estimate, Pace, duration
+from ge_torchrl.run.remaining import Estimate, Pace, after_search, duration
+from ge_torchrl.search.step import first_state
 
 
 def record(number, elapsed, steps=1000):
     return generation(number, 1.0, steps=steps, elapsed_seconds=elapsed)
 
 
-def estimates(numbers, *, fraction=0.0, refinement=NOTHING, refined=(), each=2.0, **limits):
+def estimates(numbers, *, share=1.0, after=0.0, refinement=NOTHING, refined=(), each=2.0, **limits):
     """Seconds left after generations of two seconds and 1000 steps, or ten times that where trees are refined."""
     schedule = {"every": 0, "generations": list(refined)}
     refiner = {"method": "ppo" if refined else "none", "schedule": schedule}
     settings = config_of(ge={"generations": 10, **limits}, refiner=refiner)
-    estimate, elapsed, steps, left = Estimate(settings, fraction, refinement), 0.0, 0, []
+    estimate, elapsed, steps, left = Estimate(settings, share, refinement), 0.0, 0, []
     for number in range(numbers):
         times = 10 if number in refined else 1
         elapsed, steps = elapsed + times * each, steps + times * 1000
         made = generation(
             number, 1.0, elapsed_seconds=elapsed, evaluation_seconds=each, variation_seconds=0.0
         )
-        left.append(estimate.seconds_left(replace(made, env_steps=steps)))
+        left.append(estimate.seconds_left(replace(made, env_steps=steps), after))
     return left
 
 
@@ -35,31 +36,69 @@ def test_generations_to_come_last_as_long_as_those_so_far():
 
 
 def test_what_follows_the_search_is_part_of_it():
-    # A search of 20 s is four fifths of 25 s.
-    assert estimates(10, fraction=0.2)[3::6] == pytest.approx([17.0, 5.0])
+    assert estimates(10, after=5.0)[3::6] == pytest.approx([17.0, 5.0])
 
 
 def test_no_more_than_the_limits_leave():
     assert estimates(4, max_seconds=10.0)[-1] == pytest.approx(2.0)
     assert estimates(4, max_env_steps=5000)[-1] == pytest.approx(2.0)
     assert estimates(4, max_env_steps=4000)[-1] == 0.0
+    # The search ends where its share does.
+    assert estimates(4, share=0.7, after=1.0, max_seconds=16.0)[-1] == pytest.approx(3.2 + 1.0)
+    assert estimates(4, share=0.7, after=1.0, max_env_steps=10_000)[-1] == pytest.approx(6.0 + 1.0)
+    assert estimates(4, share=0.7, after=9.0, max_seconds=16.0)[-1] == pytest.approx(8.0), "nor does the run"
 
 
 def test_refinements_to_come_are_counted_before_the_first_of_them():
     guess = Cost(18.0, 9000)
-    # Two of 20 s, the others of 2 s.
-    assert estimates(10, refinement=guess, refined=[4, 8])[::4] == pytest.approx([54.0, 28.0, 2.0])
+    # Two of 20 s, the others of 2 s; what the first took counts for 14 s, since it loads PyTorch besides.
+    assert estimates(10, refinement=guess, refined=[4, 8])[::4] == pytest.approx([54.0, 22.0, 2.0])
     # What they took replaces the guess.
-    assert estimates(6, refinement=Cost(1.0, 1.0), refined=[4, 8])[-1] == pytest.approx(26.0)
+    assert estimates(6, refinement=Cost(1.0, 1.0), refined=[4, 8])[-1] == pytest.approx(6.0 + 0.7 * 20.0)
     # Steps of the refinements use up the limit: 23,000 steps, of which 46 s are left after the first generation.
     assert estimates(1, refinement=guess, refined=[4, 8], max_env_steps=24_000)[0] == pytest.approx(
         54 * 23 / 27
     )
 
 
-@given(st.integers(1, 10), st.floats(0, 1e6), st.floats(0, 0.99))
-def test_it_is_never_negative(number, each, fraction):
-    assert min(estimates(number, fraction=fraction, each=each)) >= 0.0
+@given(st.integers(1, 10), st.floats(0, 1e6), st.floats(0.01, 1))
+def test_it_is_never_negative(number, each, share):
+    for limits in ({}, {"max_seconds": 5.0}, {"max_env_steps": 3000}):
+        assert min(estimates(number, share=share, each=each, **limits)) >= 0.0
+
+
+def test_one_generation_that_took_long_changes_little():
+    settings = config_of(ge={"generations": 10}, refiner={"method": "none"})
+    estimate, elapsed = Estimate(settings), 0.0
+    for number, took in enumerate([2.0, 40.0, 2.0, 2.0]):
+        elapsed += took
+        left = estimate.seconds_left(record(number, elapsed))
+    assert left == pytest.approx(12.0)
+
+
+class TestAfterTheSearch:
+    @staticmethod
+    def searched(**archive):
+        settings = {"keep": 2, "episodes": 10, "final_keep": 1, "final_factor": 20, **archive}
+        backend = cartpole()
+        try:
+            problem = problem_of(backend, Nudge(backend), archive=settings, polish={"every": 1})
+            return problem, first_state(problem)[0]
+        finally:
+            backend.close()
+
+    def test_it_grows_with_what_the_polish_of_a_tree_took(self):
+        problem, state = self.searched()
+        sizes = {member.tree.num_decision_nodes for member in state.archive.members} - {0}
+        assert sizes
+        measuring = after_search(problem, state, 0.0)
+        assert after_search(problem, state, 1.0) - measuring == pytest.approx(0.28 * 20 * len(sizes))
+
+    def test_validation_and_test_take_their_episodes(self):
+        problem, state = self.searched()
+        few = replace(problem.config.evaluation, validation_episodes=10, test_episodes=10)
+        shorter = replace(problem, config=replace(problem.config, evaluation=few))
+        assert 0 < after_search(shorter, state, 0.0) < after_search(problem, state, 0.0)
 
 
 def test_the_pace_leaves_out_what_came_before_the_first_generation():

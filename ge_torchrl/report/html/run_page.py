@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from ge_torchrl import __version__
 from ge_torchrl.artefacts.episodes import CHAMPION, FULL, Episodes
 from ge_torchrl.artefacts.folder import CONFIG, RunFolder
 from ge_torchrl.artefacts.records import Summary
@@ -20,6 +19,7 @@ from ge_torchrl.report.html.trees import environment_values, tree_values
 from ge_torchrl.report.methods import refiner_of
 from ge_torchrl.report.runs import Run, read_run
 from ge_torchrl.report.tables import counted
+from ge_torchrl.version import __version__
 
 SCRIPTS = (
     "core.js",

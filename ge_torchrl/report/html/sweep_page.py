@@ -10,7 +10,6 @@ from urllib.parse import quote
 
 import numpy as np
 
-from ge_torchrl import __version__
 from ge_torchrl.artefacts.folder import PAGE
 from ge_torchrl.report.html.figures import number, seconds
 from ge_torchrl.report.html.template import Markup, element, filled, joined, table
@@ -20,6 +19,7 @@ from ge_torchrl.report.settings import differing, labels_of, shown_setting
 from ge_torchrl.report.sizes import by_size, sizes_table
 from ge_torchrl.report.statistics import bootstrap_interval, wilson_interval
 from ge_torchrl.report.tables import counted
+from ge_torchrl.version import __version__
 
 # Intervals are resampled from here, so that equal artefacts give equal pages.
 _RESAMPLING_SEED = 0

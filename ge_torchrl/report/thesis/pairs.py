@@ -21,7 +21,7 @@ from ge_torchrl.report.thesis.solving import (
 )
 
 # What is added to GE differs by intention, and what only costs time or is measured differs from run to run.
-_ADDED_SECTIONS = {"refiner", "polish", "archive", "seed"}
+_ADDED_SECTIONS = {"refiner", "polish", "archive", "seed", "logger"}
 _WITHOUT_EFFECT = {"threads", "workers", "steps_per_second"}
 # The thesis' figure 4.2 shows as many.
 _SHOWN_PAIRS = 3
