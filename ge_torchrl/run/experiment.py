@@ -279,14 +279,9 @@ class _Run:
         self.history.write(record)
         kept = best_by_nodes(state.archive)
         self.tracker.generation(record, kept)
-        self.progress.show(record, kept, after_search(self.problem, state, self._seconds_per_tree(state)))
+        after = after_search(self.problem, state, self.refine_seconds, self.polish_seconds)
+        self.progress.show(record, kept, after)
         return self.observer(record, state, self.names)
-
-    def _seconds_per_tree(self, state: SearchState) -> float:
-        """Return what the polish of a tree has taken so far; without a polish, its refinement."""
-        if self.problem.polisher is None:
-            return self.refine_seconds / max(1, state.counts.refined)
-        return self.polish_seconds / max(1, state.counts.polished)
 
     def _save_what_there_is(self) -> str:
         """Save the best tree so far and the kept ones, and return what to say of them."""

@@ -118,22 +118,26 @@ class Estimate:
         return refiner.enabled and refiner.schedule.applies_to(generation)
 
 
-def after_search(problem: Problem, state: SearchState, seconds_per_tree: float) -> float:
+def after_search(problem: Problem, state: SearchState, refine_seconds: float, polish_seconds: float) -> float:
     """Return the seconds that the last refinement, rounding, validation and test are expected to take.
 
     Args:
         problem: What is searched.
         state: Its last state.
-        seconds_per_tree: What the polish of a tree has taken so far, or its refinement where there is no polish.
+        refine_seconds: What the refiner has taken so far.
+        polish_seconds: What the polish has.
     """
     config, backend = problem.config, problem.backend
     settings, speed = config.archive, config.evaluation.steps_per_second or backend.steps_per_second
     nodes = Counter(member.tree.num_decision_nodes for member in state.archive.members)
     seconds = 0.0
     if problem.refines:
-        n_refined = sum(min(n, settings.final_keep) for size, n in nodes.items() if size > 0)
+        # The polish does it where there is one.
+        refined, polished = state.counts.refined, state.counts.polished
+        took, n = (polish_seconds, polished) if problem.polisher else (refine_seconds, refined)
+        n_refined = sum(min(kept, settings.final_keep) for size, kept in nodes.items() if size > 0)
         efforts = n_refined * settings.final_factor * settings.final_patience
-        seconds += efforts * seconds_per_tree * (_SPENT_AFTER_LISTS if settings.short_list else _SPENT)
+        seconds += efforts * took / max(1, n) * (_SPENT_AFTER_LISTS if settings.short_list else _SPENT)
     if problem.rounds and config.ge.max_env_steps:
         seconds += _ROUNDING * config.ge.max_env_steps / speed
     evaluation, n_kept = config.evaluation, nodes.total()

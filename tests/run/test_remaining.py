@@ -87,18 +87,22 @@ class TestAfterTheSearch:
         finally:
             backend.close()
 
-    def test_it_grows_with_what_the_polish_of_a_tree_took(self):
+    def test_it_grows_with_what_the_refinement_of_a_tree_took(self):
         problem, state = self.searched()
         sizes = {member.tree.num_decision_nodes for member in state.archive.members} - {0}
         assert sizes
-        measuring = after_search(problem, state, 0.0)
-        assert after_search(problem, state, 1.0) - measuring == pytest.approx(0.28 * 20 * len(sizes))
+        state = replace(state, counts=replace(state.counts, refined=5, polished=10))
+        measuring = after_search(problem, state, 0.0, 0.0)
+        # A second a tree.
+        assert after_search(problem, state, 5.0, 0.0) - measuring == pytest.approx(0.28 * 20 * len(sizes))
+        polishing = replace(problem, polisher=problem.refiner)
+        assert after_search(polishing, state, 0.0, 10.0) - measuring == pytest.approx(0.28 * 20 * len(sizes))
 
     def test_validation_and_test_take_their_episodes(self):
         problem, state = self.searched()
         few = replace(problem.config.evaluation, validation_episodes=10, test_episodes=10)
         shorter = replace(problem, config=replace(problem.config, evaluation=few))
-        assert 0 < after_search(shorter, state, 0.0) < after_search(problem, state, 0.0)
+        assert 0 < after_search(shorter, state, 0.0, 0.0) < after_search(problem, state, 0.0, 0.0)
 
 
 def test_the_pace_leaves_out_what_came_before_the_first_generation():
