@@ -53,8 +53,8 @@ class Config(Section):
         "none",
         choices=("none", "csv", "tensorboard", "wandb", "mlflow"),
         doc="A tracker that is told of every generation and of the verdict, by TorchRL's loggers; what it writes "
-        "lies in the run's folder. All but `csv` need the extra `trackers`. One that fails is left out, and the run "
-        "goes on.",
+        "lies in the run's folder. `tensorboard` and `wandb` need the extra `trackers`, `mlflow` the extra `mlflow`. "
+        "One that fails is left out, and the run goes on.",
     )
 
     def check_together(self) -> None:

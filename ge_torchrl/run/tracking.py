@@ -16,6 +16,7 @@ _logger = logging.getLogger(__name__)
 
 # What wandb and mlflow call all runs of this program together, where the user names nothing else.
 _PROJECT = "ge_torchrl"
+_HINTS = {"mlflow": '; pip install -e ".[mlflow]"'}
 _HINT = '; pip install -c constraints.txt -e ".[trackers]"'
 
 
@@ -93,7 +94,7 @@ class Tracker:
             yield
         except Exception as fault:  # noqa: BLE001 (whatever it is, the run is worth more)
             self._logger = None
-            hint = _HINT if isinstance(fault, ImportError) else ""
+            hint = _HINTS.get(self._name, _HINT) if isinstance(fault, ImportError) else ""
             told = " ".join(f"{type(fault).__name__}: {fault}".split())
             _logger.warning(
                 "logger=%s failed and is left out, and the run goes on (%s)%s", self._name, told, hint

@@ -112,10 +112,13 @@ def test_one_that_fails_fails_no_run(tmp_path, monkeypatch, place, fault):
     assert not any(isinstance(one, tuple) for one in loggers.told) or place == "close"
 
 
-def test_an_extra_that_is_missing_is_named(tmp_path, monkeypatch):
-    told_to(monkeypatch, "open", ImportError("wandb could not be imported"))
-    _, output = run(logging_to("wandb"), tmp_path / "run")
-    assert 'pip install -c constraints.txt -e ".[trackers]"' in output
+@pytest.mark.parametrize(
+    ("name", "told"), [("wandb", '-c constraints.txt -e ".[trackers]"'), ("mlflow", '-e ".[mlflow]"')]
+)
+def test_an_extra_that_is_missing_is_named(tmp_path, monkeypatch, name, told):
+    told_to(monkeypatch, "open", ImportError(f"{name} could not be imported"))
+    _, output = run(logging_to(name), tmp_path / "run")
+    assert f"pip install {told}" in output
 
 
 def test_another_one_is_refused():
