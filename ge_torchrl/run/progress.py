@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType, TracebackType
 from typing import Self
 
+from rich.columns import Columns
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress_bar import ProgressBar
@@ -227,11 +228,13 @@ class Progress:
         )
         return Group(table, *self._by_nodes(), below, status)
 
-    def _by_nodes(self) -> Iterator[Text]:
+    def _by_nodes(self) -> Iterator[Table]:
         """Yield the best kept trees in one line, or two: what there is to choose from if the run ended now."""
         if self._kept:
-            best = "  ".join(f"{nodes}: {number(fitness)}" for nodes, fitness in self._kept.items())
-            yield Text(f"best by decision nodes  {best}")
+            best = (f"{nodes}: {number(fitness)}" for nodes, fitness in self._kept.items())
+            row = Table.grid(padding=(0, 2))
+            row.add_row(Text("best by decision nodes"), Columns(list(best), padding=(0, 2)))
+            yield row
 
     def _cells(self, record: GenerationRecord) -> list[str]:
         cells = {
