@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.environments.lean import lean
 from ge_torchrl.environments.making import FAULTS
+from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
 
@@ -259,7 +260,8 @@ class Border:
         where = f"episode seed {self._seed}, step {self.step_number}"
         if self._action is not None:
             where += f", action {self._told(self._action)}"
-        return EnvironmentFaultError(f"env.id={self._spec.id} {what}; {where}")
+        key = "env.dynamics" if names_plant(self._spec.id) else "env.id"
+        return EnvironmentFaultError(f"{key}={self._spec.id} {what}; {where}")
 
     def _told(self, action: Any) -> str:
         names = self._spec.names.actions
