@@ -1,5 +1,6 @@
 """Settings of all tests, and what several of them start from."""
 
+import logging
 import sys
 
 import pytest
@@ -31,3 +32,13 @@ def own_clock():
     """Let seconds be those of this process alone, and sleeping cost none of anyone's."""
     with OwnClock().ticking() as clock:
         yield clock
+
+
+@pytest.fixture(autouse=True)
+def own_log_handlers():
+    """Take away what a test hung on the root logger: its stream is closed when the next one logs."""
+    before = set(logging.root.handlers)
+    yield
+    for handler in set(logging.root.handlers) - before:
+        if type(handler) is logging.StreamHandler:
+            logging.root.removeHandler(handler)

@@ -64,7 +64,11 @@ def _parser(verb: str, description: str) -> Parser:
         help="a Gymnasium id, such as LunarLander-v3, or env=NAME, or dynamics of your own, such as plant.py:Cart",
     )
     parser.add_argument(
-        "settings", metavar="key=value", nargs="*", help="others that matter, such as env.kwargs.gravity=-5"
+        "settings",
+        metavar="key=value",
+        nargs="*",
+        default=[],
+        help="others that matter, such as env.kwargs.gravity=-5",
     )
     return parser
 

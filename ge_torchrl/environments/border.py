@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.environments.lean import lean
 from ge_torchrl.environments.making import FAULTS
+from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.environments.suitable import one_line
 from ge_torchrl.errors import EnvironmentFaultError
@@ -45,6 +46,9 @@ def random_action(spec: EnvironmentSpec, rng: np.random.Generator) -> Action:
         float(rng.uniform(low, high) if math.isfinite(high - low) else min(max(rng.normal(), low), high))
         for low, high in spec.names.action_bounds
     ]
+
+
+_STEP_FORM = "an observation, a reward, terminated, truncated and a dict"
 
 
 class Witness:
@@ -155,9 +159,15 @@ class Border:
         """
         self._seed, self._action, self.step_number = seed, None, 0
         try:
-            observation, _ = self._lean_reset(seed=seed)
+            observation, info = self._lean_reset(seed=seed)
         except FAULTS as error:
-            raise self._fault(f"raised {error!r} in reset") from error
+            form = " (an observation and a dict are expected of reset)" if _is_of_form(error) else ""
+            raise self._fault(f"raised {error!r} in reset{form}") from error
+        if not isinstance(info, dict) and getattr(observation, "shape", None) != self._shape:
+            # An observation of two entries alone looks like a pair.
+            raise self._fault(
+                f"must return an observation and a dict from reset; got {_short((observation, info))}"
+            )
         self.array = self._cast(observation)
         values: list[float] = self.array.tolist()
         self._note(values)
@@ -178,7 +188,8 @@ class Border:
         try:
             observation, reward, terminated, truncated, _ = self._lean_step(given)
         except FAULTS as error:
-            raise self._fault(f"raised {error!r}") from error
+            form = f" ({_STEP_FORM} are expected of step)" if _is_of_form(error) else ""
+            raise self._fault(f"raised {error!r}{form}") from error
         number = reward if type(reward) is float else self._number(reward)
         if number - number != 0.0:
             raise self._fault(f"returned a reward that is not a finite number, {number}")
@@ -269,13 +280,24 @@ class Border:
         where = f"episode seed {self._seed}, step {self.step_number}"
         if self._action is not None:
             where += f", action {self._told(self._action)}"
-        return EnvironmentFaultError(f"env.id={self._spec.id} {what}; {where}")
+        key = "env.dynamics" if names_plant(self._spec.id) else "env.id"
+        return EnvironmentFaultError(f"{key}={self._spec.id} {what}; {where}")
 
     def _told(self, action: Any) -> str:
         names = self._spec.names.actions
         if not self._is_continuous:
             return f"{action} ({names[action]})"
         return ", ".join(f"{name} = {entry:g}" for name, entry in zip(names, action, strict=True))
+
+
+def _is_of_form(error: BaseException) -> bool:
+    """Tell whether what was given back was of another number: as Gymnasium's predecessor has it, say."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    where = "" if trace is None else str(trace.tb_frame.f_globals.get("__name__"))
+    # Within the environment's own code it is another mistake.
+    return "unpack" in str(error) and where.startswith(("ge_torchrl.", "gymnasium."))
 
 
 def _short(value: Any) -> str:

@@ -231,15 +231,18 @@ def constants_near(
         [R, N] float32, the parameters of `R` trees that each differ from the tree in one; `R` is 0 where none can move.
     """
     moved = []
+    # Where entries of an action share terms, a weight of 0 says that an entry has none: none becomes 0.
+    shared = len(tree.parameters) - (tree.leaf_weight.size if grammar.n_values > 1 else 0)
     for place, offered in enumerate(_offered(tree, grammar)):
         number = float(tree.parameters[place])
+        # A step can be finer than float32, so that a neighbour is the same number.
+        unmoved = {number, 0.0} if place >= shared else {number}
         for constants in dict.fromkeys(offered):
             index = constants.find(number)
             if index is None:
                 continue
             for at in (index + stride for stride in strides):
-                # A step can be finer than float32, so that a neighbour is the same number.
-                if 0 <= at < constants.count and constants.value(at) != number:
+                if 0 <= at < constants.count and constants.value(at) not in unmoved:
                     parameters = tree.parameters.copy()
                     parameters[place] = constants.value(at)
                     moved.append(parameters)

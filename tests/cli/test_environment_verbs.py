@@ -48,7 +48,7 @@ def test_check_takes_an_id_or_a_choice_with_other_settings(surveyed, capsys):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["check"], "the following arguments are required: ENV"),
+        (["check"], "the following arguments are required: ENV; see --help"),
         (["check", "env=nothing"], "env=nothing is unknown; expected one of"),
         (["check", "A-v0", "env.foo=3"], "env.foo is unknown"),
         (["check", "NoSuchThing-v0"], "env.id must be the id of an installed Gymnasium environment"),

@@ -86,7 +86,18 @@ def test_a_late_violation_is_warned_of_and_the_bound_is_given_up(open_gymnasium,
         (faulty.LongEnv, r"observations of 2 numbers.*shape \(3,\).*; episode seed 0, step 0, action"),
         (faulty.ScalarEnv, r"observations of 2 numbers.*shape \(\).*; episode seed 0, step 0, action"),
         (faulty.TextEnv, r"observations of 2 numbers.*'left'.*; episode seed 0, step 0, action"),
-        (faulty.FourValuesEnv, r"raised ValueError.*; episode seed 0, step 0, action [01] \(a[01]\)"),
+        (
+            faulty.FourValuesEnv,
+            r"ValueError.* \(an observation, .* and a dict are expected of step\); .*, step 0, action [01] \(a[01]\)",
+        ),
+        (
+            faulty.BareResetEnv,
+            r"must return an observation and a dict from reset; got \(.*\); episode seed 0, step 0$",
+        ),
+        (
+            faulty.TripleResetEnv,
+            r"raised ValueError.* in reset \(an observation and a dict are expected of reset\); episode seed 0",
+        ),
     ],
 )
 def test_faults_are_found_before_the_first_generation_in_one_line(open_gymnasium, kind, expected):

@@ -176,6 +176,17 @@ def test_a_sum_goes_to_the_condition_whose_constants_are_nearest():
         assert can_derive(tree, tables)
 
 
+def test_no_weight_that_entries_share_moves_to_zero():
+    """It would say that its entry has no such term, and then another stands in its place."""
+    grammar, _ = read("<t> ::= act(f0 + [-1, 1] step 0.5 * f1, 0)", ("force", "brake"))
+    tree = value_leaf([0.0, 0.0], {0: [1.0, 0.0], 1: [-0.5, 0.0]})
+    near = constants_near(tree, grammar, (-1, 1, 2))
+    assert near[:, 4].tolist() == [-1.0, 0.5]
+    for parameters in near:
+        moved = tree.with_parameters(parameters)
+        assert snap(moved, grammar) == moved
+
+
 def test_terms_of_weight_zero_fill_the_places_that_a_form_has():
     text = (
         "<t> ::= act([-1, 1] step 1 * f1 + [-1, 1] step 1 * f0, <k> + [0, 2] step 1 * f1 + f0) <k> ::= 0 | 1"

@@ -33,6 +33,20 @@ class RaisingInResetEnv(CountdownEnv):
         raise RuntimeError("no fuel")
 
 
+class BareResetEnv(CountdownEnv):
+    """Gives back the observation alone, of two entries."""
+
+    def reset(self, **given):
+        return super().reset(**given)[0]
+
+
+class TripleResetEnv(CountdownEnv):
+    """Gives back three values in reset."""
+
+    def reset(self, **given):
+        return (*super().reset(**given), None)
+
+
 class LeavingEnv(FailingEnv):
     """Ends the program in its third step."""
 

@@ -135,7 +135,7 @@ def _check_functions(plant: Plant, functions: dict[str, Function]) -> None:
     n, n_features = len(plant.start), len(plant.features)
     state = types.UniTuple(types.float64, n)
     arguments: _Types = (state, _action_type(plant))
-    by_entries = f"a tuple of {n} numbers, as start has entries"
+    by_entries = f"{_tuple_of(n)}, as start has entries"
     if "step" in functions:
         given = _result(plant, functions, "step", arguments)
         is_right = isinstance(given, types.BaseTuple) and len(given) == 3 and _are_numbers(given[0], n)
@@ -151,7 +151,7 @@ def _check_functions(plant: Plant, functions: dict[str, Function]) -> None:
     if "observe" in functions:
         given = _result(plant, functions, "observe", (state,))
         if not _are_numbers(given, n_features):
-            _refuse(plant, "observe", f"a tuple of {n_features} numbers, as there are features", given)
+            _refuse(plant, "observe", f"{_tuple_of(n_features)}, as there are features", given)
 
 
 def _result(plant: Plant, functions: dict[str, Function], name: str, arguments: _Types) -> Any:
@@ -179,6 +179,10 @@ def _action_type(plant: Plant) -> Any:
 
 def _refuse(plant: Plant, name: str, expected: str, given: Any) -> None:
     raise EnvironmentFaultError(f"{plant.dynamics}.{name} must return {expected}; got {_shown(given)}")
+
+
+def _tuple_of(n: int) -> str:
+    return "a tuple of one number, (x,)" if n == 1 else f"a tuple of {n} numbers"
 
 
 def _are_numbers(given: Any, n: int) -> bool:

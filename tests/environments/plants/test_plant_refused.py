@@ -59,6 +59,10 @@ def test_what_a_derivative_needs_is_named(folder, name):
         ({"step": "lambda self, s, a: (s, 1.0, False)"}, "Mine.step must take (state, action); got (self, s, a)"),
         ({"observe": "lambda: 1"}, "Mine.observe must take (state); got ()"),
         ({"observe": "lambda s: s[0]"}, "observe must return a tuple of 2 numbers, as there are features; got float"),
+        (
+            {"features": '["x"]', "observe": "lambda s: s[0]"},
+            "observe must return a tuple of one number, (x,), as there are features; got float",
+        ),
         ({"step": "lambda s, a: (s, 1.0)"}, "step must return state, reward, terminated, where state is a tuple of 2"),
         ({"step": "lambda s, a: ((s[0], s[1], s[0]), 1.0, False)"}, "got ((float, float, float), float, bool)"),
         ({"step": "lambda s, a: (np.array(s), 1.0, False)"}, "got (array(float, 1d, C), float, bool)"),
