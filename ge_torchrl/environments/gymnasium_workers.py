@@ -157,6 +157,8 @@ class Workers:
                 f"where its last words can be read"
             ) from error
         except BaseException:
+            # If Ctrl-C ends the wait, or comes before it, nobody knows who still plays.
+            self.is_usable = False
             self._stop(futures)
             raise
         finally:
@@ -169,8 +171,6 @@ class Workers:
 
     def _stop(self, futures: Sequence[Future[Any]]) -> None:
         self._board.stop.value = 1
-        # If Ctrl-C ends the wait, nobody knows who still plays.
-        self.is_usable = False
         _, playing = wait([future for future in futures if not future.cancel()], timeout=_STOP_SECONDS)
         self.is_usable = not playing
         if self.is_usable:

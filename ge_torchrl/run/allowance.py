@@ -30,6 +30,8 @@ _SMALL_SHARE = 0.125
 _LEAST_SHARE = 0.6
 # Importing and describing take their part of the seconds.
 _FEWEST_SECONDS = 2.0
+# Where an allowance proved too small, so many times as much is advised at least.
+_TIMES_GIVEN = 1.5
 
 
 class Phase(Enum):
@@ -127,13 +129,15 @@ class Allowance:
             reason: The setting, without its section.
             looked: How long the environment was looked at before the search [s].
         """
-        given, enough, unit = f"{self.max_env_steps}", self.least_steps, "steps"
+        given, enough, unit = float(self.max_env_steps or 0), float(self.least_steps), "steps"
         if reason == "max_seconds":
             seconds = looked / _LEAST_SHARE + self.least_steps / self.steps_per_second
-            given, enough, unit = f"{self.max_seconds:g}", round_up(max(seconds, _FEWEST_SECONDS)), "seconds"
+            given, enough, unit = self.max_seconds or 0.0, max(seconds, _FEWEST_SECONDS), "seconds"
+        # What was not enough is not told as enough, although the machine was faster when its speed was measured.
+        number = round_up(max(enough, _TIMES_GIVEN * given))
         return (
-            f"ge.{reason}={given} must leave room for a first tree, its validation and its test, which may take "
-            f"{enough:,} {unit} here; type ge.{reason}={enough}"
+            f"ge.{reason}={given:.15g} must leave room for a first tree, its validation and its test, which may take "
+            f"{number:,} {unit} here; type ge.{reason}={number}"
         )
 
 

@@ -36,8 +36,7 @@ SCRIPT = """
 import sys
 import own
 import numpy as np
-from ge_torchrl.environments import gymnasium_backend
-from ge_torchrl.environments.gymnasium_workers import Workers
+from ge_torchrl.environments import gymnasium_backend, gymnasium_workers
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.interrupts import ignore_interrupts, interrupt_again, leave_quietly
 from ge_torchrl.trees.forest import Forest
@@ -47,13 +46,14 @@ def main():
     leave_quietly()
     interrupt_again()
     gymnasium_backend._PROBED_STEPS = gymnasium_backend._TIMED_STEPS = 10
-    backend, stop = gymnasium_backend.GymnasiumBackend(describe("own:Stuck-v0"), workers=2), Workers._stop
+    backend, wait = gymnasium_backend.GymnasiumBackend(describe("own:Stuck-v0"), workers=2), gymnasium_workers.wait
 
-    def told(*given):
-        print("stopping", flush=True)
-        stop(*given)
+    def told(futures, timeout, **more):
+        if timeout == gymnasium_workers._STOP_SECONDS:
+            print("stopping", flush=True)
+        return wait(futures, timeout=timeout, **more)
 
-    Workers._stop = told
+    gymnasium_workers.wait = told
     try:
         backend.evaluate(Forest.stack([DecisionTree.leaf(0)]), np.arange(100_000), "test")
     except KeyboardInterrupt:

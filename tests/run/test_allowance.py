@@ -61,3 +61,11 @@ def test_rounding_has_a_part_of_its_own_after_the_last_refinement():
     ends = Allowance.of(config, 0.0, 500, rounds=True).ends
     assert ends[Phase.FINAL_REFINEMENT] - ends[Phase.SEARCH] == pytest.approx(0.1)
     assert ends[Phase.ROUNDING] - ends[Phase.FINAL_REFINEMENT] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("reason", "given"), [("max_seconds", 14.5), ("max_env_steps", 1_234_567)])
+def test_what_was_not_enough_is_never_told_as_enough(reason, given):
+    evaluation = {"episodes": 1, "validation_episodes": 1, "test_episodes": 1, "steps_per_second": 1e8}
+    told = allowance({reason: given}, evaluation=evaluation).too_small(reason, looked=0.1)
+    assert f"ge.{reason}={given} must leave room" in told
+    assert float(told.rpartition("=")[2]) >= 1.5 * given
