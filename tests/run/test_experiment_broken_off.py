@@ -18,8 +18,8 @@ class TestInterrupt:
     def interrupt_in(monkeypatch, generation):
         original = experiment.Progress.show
 
-        def interrupted(self, record):
-            original(self, record)
+        def interrupted(self, record, *more):
+            original(self, record, *more)
             if record.generation == generation:
                 raise KeyboardInterrupt
 
@@ -74,8 +74,8 @@ class TestInterrupt:
     def test_where_the_main_thread_does_not_hear_of_it_there_are_last_words(self, tmp_path, monkeypatch):
         original, said = experiment.Progress.show, []
 
-        def asked(self, record):
-            original(self, record)
+        def asked(self, record, *more):
+            original(self, record, *more)
             if record.generation == 3:
                 said.append(interrupts._saved())
                 assert_untested(RunFolder(tmp_path / "run"))
@@ -100,8 +100,8 @@ class TestFault:
     def break_in(monkeypatch, generation, fault):
         original = experiment.Progress.show
 
-        def breaking(self, record):
-            original(self, record)
+        def breaking(self, record, *more):
+            original(self, record, *more)
             if record.generation == generation:
                 raise fault
 
