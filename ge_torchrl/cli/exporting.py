@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from ge_torchrl.cli.output import tell
-from ge_torchrl.cli.parser import Parser, integer_from
+from ge_torchrl.cli.parser import Parser, add_controller
 from ge_torchrl.cli.statuses import OK
 from ge_torchrl.errors import RunFaultError, UserError
 
@@ -75,15 +75,9 @@ def _parser() -> Parser:
         epilog=_FORMATS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("path", metavar="CONTROLLER", type=Path, help="a tree's file, or a run's folder")
+    add_controller(parser, "CONTROLLER")
     parser.add_argument("--to", metavar="FORMAT", required=True, choices=TO, help="one of those below")
     parser.add_argument("--out", metavar="FILE", type=Path, help="default: standard output")
-    parser.add_argument(
-        "--nodes",
-        metavar="N",
-        type=integer_from(0),
-        help="take the tree with N decision nodes from the archive of the run; default: the champion",
-    )
     parser.add_argument(
         "--name",
         default="controller",

@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from ge_torchrl.errors import UserError
@@ -49,3 +50,14 @@ def integer_from(at_least: int, at_most: int | None = None) -> Callable[[str], i
         return int(text)
 
     return integer
+
+
+def add_controller(parser: argparse.ArgumentParser, metavar: str) -> None:
+    """Let a command take one controller: a tree's file or a run's folder, and which tree of the run's archive."""
+    parser.add_argument("path", metavar=metavar, type=Path, help="a tree's file, or a run's folder")
+    parser.add_argument(
+        "--nodes",
+        metavar="N",
+        type=integer_from(0),
+        help="take the tree with N decision nodes from the archive of the run; default: the champion",
+    )

@@ -4,7 +4,7 @@ import os
 import sys
 from pathlib import Path
 
-from ge_torchrl.cli.parser import Parser, integer_from
+from ge_torchrl.cli.parser import Parser, add_controller, integer_from
 from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import OK
 
@@ -40,13 +40,7 @@ def _parser() -> Parser:
         description="Show an episode of a tree, with the rule beside it and the path that decides lit: in a window, or "
         "as a GIF or an MP4.",
     )
-    parser.add_argument("path", metavar="TREE_OR_RUN", type=Path, help="a tree's file, or a run's folder")
-    parser.add_argument(
-        "--nodes",
-        metavar="N",
-        type=integer_from(0),
-        help="take the tree with N decision nodes from the archive of the run; default: the champion",
-    )
+    add_controller(parser, "TREE_OR_RUN")
     parser.add_argument(
         "--seed", type=integer_from(0), default=10000, help="of the episode; default: 10000, as of evaluate"
     )

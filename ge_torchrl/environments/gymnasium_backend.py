@@ -20,10 +20,11 @@ from ge_torchrl.environments.backend import (
     Trajectory,
     available_cores,
 )
-from ge_torchrl.environments.border import Witness, random_action
+from ge_torchrl.environments.border import random_action
 from ge_torchrl.environments.gymnasium_runner import Jobs, LedgerWatch, Played, Runner, Watch
 from ge_torchrl.environments.gymnasium_workers import Workers, portable
 from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.environments.witness import Witness
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.forest import Forest

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import Ledger, Trajectory
-from ge_torchrl.environments.border import Action, Border, Witness
+from ge_torchrl.environments.border import Action, Border
 from ge_torchrl.environments.plain_trees import leaves, nested, values_of, walk_sums
 from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.environments.witness import Witness
 from ge_torchrl.trees.forest import Forest, ForestArrays
 
 # A limit or a sign of life is looked after this often [s].

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ge_torchrl.environments.border import Border, Witness, random_action
+from ge_torchrl.environments.border import Border, random_action
 from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.environments.witness import Witness
 
 ROOM = 2 * 1024**3
 """What the copies of a vector environment may take together, in all processes [bytes]."""

@@ -21,11 +21,12 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.border import Border
 from ge_torchrl.environments.mirror_episodes import LONGEST_EPISODE, SIGHTS, Played, episodes, sights
 from ge_torchrl.environments.probing import Policy, random_tree
 from ge_torchrl.environments.settable import Settable, Step, settable
 from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.environments.witness import Witness
 from ge_torchrl.errors import ConfigError
 from ge_torchrl.seeding import episode_seeds, stream
 

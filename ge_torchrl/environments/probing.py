@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.border import Border, Witness, random_action
+from ge_torchrl.environments.border import Border, random_action
 from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.environments.witness import Witness
 from ge_torchrl.seeding import episode_seeds, stream
 
 _logger = logging.getLogger(__name__)

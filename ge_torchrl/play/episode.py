@@ -10,10 +10,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.border import Border
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
+from ge_torchrl.environments.witness import Witness
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree

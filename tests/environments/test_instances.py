@@ -8,9 +8,10 @@ import pytest
 from environments_for_tests import WalkEnv, register
 
 from ge_torchrl.environments import instances
-from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.border import Border
 from ge_torchrl.environments.instances import copies_that_fit
 from ge_torchrl.environments.spec import describe
+from ge_torchrl.environments.witness import Witness
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 

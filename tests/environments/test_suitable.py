@@ -10,9 +10,10 @@ import yaml
 from environments_for_tests import SpacesEnv
 from gymnasium import spaces
 
-from ge_torchrl.environments.border import Border, Witness
+from ge_torchrl.environments.border import Border
 from ge_torchrl.environments.spec import describe
 from ge_torchrl.environments.suitable import action_bounds, observed_box
+from ge_torchrl.environments.witness import Witness
 from ge_torchrl.environments.wrappers import FlatActions, OneChoice
 from ge_torchrl.errors import EnvironmentFaultError
 

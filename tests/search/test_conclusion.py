@@ -23,11 +23,11 @@ from ge_torchrl.search.conclusion import (
     VALIDATION,
     choose,
     contenders_of,
-    evaluate_what_fits,
     examine,
 )
 from ge_torchrl.search.fitness import test_seeds as unseen_seeds
 from ge_torchrl.search.fitness import validation_seeds
+from ge_torchrl.search.fitting_limits import evaluate_what_fits
 from ge_torchrl.search.step import first_state
 from ge_torchrl.trees.forest import Forest
 
