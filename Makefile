@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run test chromium test-processors lint format settings bench clean
+.PHONY: help run test docs chromium test-processors lint format settings bench clean
 
 help: ## List the targets (this text)
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -52,6 +52,10 @@ format: $(VENV)/.installed-dev ## Format the code and mend what ruff can mend
 	@$(BIN)/ruff check --fix
 	@$(BIN)/ruff format
 
+docs: $(VENV)/.installed-docs ## Make a site of docs/: site/index.html; a warning is an error
+	@$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --doctree-dir build/doctrees docs site
+	@echo "open site/index.html"
+
 settings: $(VENV)/.installed ## Write docs/settings.md from what the settings declare
 	@$(BIN)/python -m ge_torchrl.config.document > docs/settings.md
 
@@ -60,7 +64,7 @@ bench: $(VENV)/.installed-dev ## Measure the speed of rollouts, evolution and re
 	@$(BIN)/python tests/benchmarks/bench_ppo.py
 
 clean: ## Remove .venv, caches and build products; the results of runs stay
-	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build dist site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A stamp is younger than what it was made from, so nothing is installed twice; a run needs fewer packages than the tests.
@@ -72,6 +76,11 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing ge_torchrl and its development tools into $(VENV) (once; minutes) ..."
 	@$(PIP) install -c constraints.txt -e ".[dev]"
+	@touch $(VENV)/.installed $(VENV)/.installed-docs $@
+
+$(VENV)/.installed-docs: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "Installing ge_torchrl and what makes its site into $(VENV) (once; minutes) ..."
+	@$(PIP) install -c constraints.txt -e ".[docs]"
 	@touch $(VENV)/.installed $@
 
 $(BIN)/python:

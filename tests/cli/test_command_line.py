@@ -55,12 +55,12 @@ def test_an_experiment_may_stand_beside_its_own_environment(experiment):
     assert [config.env.id for config, _ in experiment.runs] == ["Acrobot-v1"]
 
 
-def test_the_configuration_of_a_run_is_read_again_as_readme_says(experiment, tmp_path):
+def test_the_configuration_of_a_run_is_read_again_as_its_page_says(experiment, tmp_path):
     assert main(["env=mountaincar", "seed=7", "ge.generations=9"]) == 0
     given, _ = experiment.runs[0]
     RunFolder.create(tmp_path / "RUN", given)
     form = f"--config-path $PWD/RUN --config-name {Path(CONFIG).stem}"
-    assert form in (ROOT / "README.md").read_text()
+    assert form in (ROOT / "docs" / "sweeps.md").read_text()
     assert main(form.replace("$PWD", str(tmp_path)).split()) == 0
     assert experiment.runs[1][0] == given
 

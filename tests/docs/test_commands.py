@@ -14,14 +14,17 @@ from pages_for_tests import (
     commands,
     inline_codes,
     links,
+    unknown_commands,
 )
 
 import ge_torchrl
 from ge_torchrl import __main__ as command_line
 from ge_torchrl.artefacts import controllers
+from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.cli import RUN, VERBS
 from ge_torchrl.cli.choices import with_environment
 from ge_torchrl.config import check_key
+from ge_torchrl.config.composing import compose
 from ge_torchrl.errors import UserError
 from ge_torchrl.report import pages, reading, runs
 from ge_torchrl.run import starting_file, surveying
@@ -41,11 +44,42 @@ def page_id(path):
 
 
 @pytest.fixture
+def finished_run(tmp_path):
+    """The run whose configuration a command takes, where it looks for it."""
+    RunFolder.create(tmp_path / "RUN", compose("cartpole", {}, {}))
+
+
+@pytest.fixture
 def own_environment(tmp_path):
-    """The file of README's own environment, where its command looks for it."""
+    """The file of the page's own environment, where its command looks for it."""
     (tmp_path / "my_conf" / "env").mkdir(parents=True)
-    (text,) = blocks(ROOT / "README.md", "yaml")
+    (text,) = blocks(ROOT / "docs" / "your_own_environment.md", "yaml")
     (tmp_path / "my_conf" / "env" / "pendulum_switch.yaml").write_text(text)
+
+
+@pytest.mark.parametrize("path", TODAYS_PAGES, ids=page_id)
+def test_every_command_has_a_form_that_is_tested(path):
+    assert unknown_commands(path) == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "```bash\npython -m ge_torchrl env=cartpole\n```\n",
+        "```sh\nge_torchrl env=cartpole\n```\n",
+        "```sh\ncc -o motor motor.c\n```\n",
+        "```console\n$ ge-torchrl env=cartpole\n```\n",
+        "* one\n\n  ```bash\n  ge-torchrl env=cartpole\n  ```\n",
+        "~~~\nge-torchrl env=cartpole\n~~~\n",
+        "Type python -m ge_torchrl env=cartpole into a shell.\n",
+        "`cd docs && python -m ge_torchrl env=cartpole`\n",
+        "    $ make run\n",
+    ],
+)
+def test_a_form_that_no_test_knows_is_noticed(text, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(text)
+    assert unknown_commands(page)
 
 
 def test_the_pages_print_commands():
@@ -53,12 +87,13 @@ def test_the_pages_print_commands():
     assert {arguments[0] for arguments in OURS} > set(VERBS)
 
 
-@pytest.mark.usefixtures("experiment", "own_environment")
+@pytest.mark.usefixtures("experiment", "own_environment", "finished_run")
 @pytest.mark.parametrize("arguments", [words for words in OURS if words[0] not in VERBS], ids=ids)
-def test_a_run_that_is_printed_composes(arguments):
+def test_a_run_that_is_printed_composes(arguments, tmp_path):
     arguments = arguments[1:] if arguments[0] == RUN else arguments
     # One seed composes as a hundred do, a hundred times as fast.
-    few = [re.sub(r"range\((\d+),\d+\)", r"\1", word).replace("NAME", "cartpole") for word in arguments]
+    few = [re.sub(r"range\((\d+),\d+\)", r"\1", word) for word in arguments]
+    few = [word.replace("NAME", "cartpole").replace("$PWD", str(tmp_path)) for word in few]
     check_composes(with_environment(few))
 
 
@@ -93,13 +128,19 @@ def test_programs_that_are_called_are_there():
             assert words[1] in targets, f"{page}: make {words[1]}"
         elif words[0] == "python" and words[1] != "-m":
             assert (ROOT / words[1]).is_file(), f"{page}: {words[1]}"
+        elif words[0] == "source":
+            assert words == ("source", ".venv/bin/activate"), page
 
 
 def test_extras_that_are_named_are_there():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    named = {name for path in TODAYS_PAGES for name in re.findall(r"install .*\[(\w+)\]", path.read_text())}
-    assert named
-    assert named <= extras.keys()
+    installs = [words for _, words in COMMANDS if words[0].endswith("pip")]
+    assert installs
+    for words in installs:
+        named = re.fullmatch(r"\.\[([a-z0-9,]+)\]", words[-1])[1].split(",")
+        assert set(named) <= extras.keys(), words
+        assert words[-2] == "-e", words
+        assert words[1:-2] in (("install",), ("install", "-c", "constraints.txt")), words
 
 
 @pytest.mark.parametrize("path", TODAYS_PAGES, ids=page_id)

@@ -1,4 +1,4 @@
-"""The page on exports prints what its commands print."""
+"""The pages on exports print what their commands print."""
 
 import re
 import shlex
@@ -9,12 +9,13 @@ from pages_for_tests import ROOT
 from ge_torchrl.__main__ import main
 from ge_torchrl.exports.formats import FORMATS
 
-PAGE = ROOT / "docs" / "exporting.md"
+PAGES = [ROOT / "docs" / name for name in ("exporting.md", "microcontroller.md", "plc.md")]
+TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 # The last command of a block, and the block that follows it.
 SHOWN = dict(
     re.findall(
         r"^(python -m ge_torchrl export [^\n]*)\n```\n\n```\w*\n(.*?)^```",
-        PAGE.read_text(encoding="utf-8"),
+        TEXT,
         flags=re.DOTALL | re.MULTILINE,
     )
 )
@@ -34,8 +35,7 @@ def test_the_page_shows_what_its_command_prints(command, capsys):
 
 
 def test_every_format_is_on_the_page():
-    text = PAGE.read_text(encoding="utf-8")
-    assert all(f"--to {to}" in text or f"`{to}`" in text for to in FORMATS)
+    assert all(f"--to {to}" in TEXT or f"`{to}`" in TEXT for to in FORMATS)
     assert len(SHOWN) >= 8
 
 

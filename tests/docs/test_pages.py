@@ -1,4 +1,4 @@
-"""The marks of tables that are made from runs, and what README shows of Python and YAML."""
+"""The marks of tables that are made from runs, and what the pages show of Python and YAML."""
 
 import importlib.util
 import re
@@ -74,7 +74,7 @@ def test_python_of_the_readme_runs():
 def test_an_environment_of_ones_own_is_one_file(tmp_path, monkeypatch):
     (tmp_path / "my_conf" / "env").mkdir(parents=True)
     (tmp_path / "my_package.py").write_text(TOY)
-    (text,) = blocks(ROOT / "README.md", "yaml")
+    (text,) = blocks(ROOT / "docs" / "your_own_environment.md", "yaml")
     (tmp_path / "my_conf" / "env" / "pendulum_switch.yaml").write_text(text)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
