@@ -1,10 +1,18 @@
 """What can go wrong because of an input: typed errors whose text is meant for the user.
 
-Every message says what was expected, why, and what came. The command line prints them without a traceback.
+Every message says what was expected, why, and what came. The command line prints them without a traceback. Whatever
+was quoted in a message, it is one line that a terminal shows as text and a person reads to its end.
 """
 
+from ge_torchrl.printing import message_of
 
-class UserError(Exception):
+
+class _ToldError(Exception):
+    def __init__(self, message: str = "") -> None:
+        super().__init__(message_of(message))
+
+
+class UserError(_ToldError):
     """Base of all errors that a user can mend; the command line prints the message and exits with status 2."""
 
 
@@ -32,5 +40,5 @@ class ArtefactError(UserError):
     """A file of a run is missing or unreadable."""
 
 
-class RunFaultError(Exception):
+class RunFaultError(_ToldError):
     """A run broke off by a fault that no input explains; the message says in one line what is left of it."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.errors import ArtefactError
+from ge_torchrl.reading import is_folder
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.files import read_controller
 
@@ -20,7 +21,7 @@ def named_controller(path: Path, nodes: int | None) -> Controller:
     Raises:
         UserError: There is no such tree.
     """
-    if path.is_dir():
+    if is_folder(path):
         folder = RunFolder(path)
         return folder.read_best_tree() if nodes is None else folder.read_archive_tree(nodes)
     if nodes is not None:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.artefacts.texts import read_text
 from ge_torchrl.errors import ArtefactError
+from ge_torchrl.reading import json_of, read_text
 
 FORMAT = "ge_torchrl.episodes/1"
 CHAMPION, FULL = "champion", "full"
@@ -110,7 +110,7 @@ def read_episodes(path: Path) -> Episodes:
         ArtefactError: It is missing or not in its format.
     """
     try:
-        content = json.loads(read_text(path))
+        content = json_of(read_text(path))
         if content["format"] != FORMAT:
             raise ArtefactError(f"{path} must be in the format {FORMAT}; got {content['format']!r}")
         return Episodes(

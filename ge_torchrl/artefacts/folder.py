@@ -29,9 +29,10 @@ import yaml
 from ge_torchrl.artefacts.episodes import Episodes, episodes_text, read_episodes
 from ge_torchrl.artefacts.lines import RecordWriter, read_record, read_records, to_json
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
-from ge_torchrl.artefacts.texts import read_text, told_of, write_text, write_whole
+from ge_torchrl.artefacts.texts import told_of, write_text, write_whole
 from ge_torchrl.config import Config, without_gone
 from ge_torchrl.errors import ArtefactError
+from ge_torchrl.reading import MOST_SETTINGS_BYTES, is_there, read_text, yaml_of
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.files import read_controller, write_controller
 
@@ -155,8 +156,8 @@ class RunFolder:
             ConfigError: It is not a configuration.
         """
         try:
-            values = yaml.safe_load(read_text(self.path / CONFIG))
-        except yaml.YAMLError as error:
+            values = yaml_of(read_text(self.path / CONFIG, MOST_SETTINGS_BYTES))
+        except ValueError as error:
             raise ArtefactError(f"{self.path / CONFIG} is not YAML: {error}") from error
         return Config.from_mapping(without_gone(values))
 
@@ -183,7 +184,7 @@ class RunFolder:
             ArtefactError: A line is not a record.
         """
         path = self.path / ARCHIVE
-        return read_records(ArchiveRecord, path) if path.exists() else []
+        return read_records(ArchiveRecord, path) if is_there(path) else []
 
     def read_archive_tree(self, decision_nodes: int) -> Controller:
         """Read the best tree with so many decision nodes.
@@ -212,7 +213,7 @@ class RunFolder:
             ArtefactError: The file is not in its format.
         """
         path = self.path / EPISODES
-        return read_episodes(path) if path.exists() else None
+        return read_episodes(path) if is_there(path) else None
 
     def read_summary(self) -> Summary:
         """Read the summary.

@@ -9,9 +9,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self, TypeVar
 
+from ge_torchrl.artefacts.checking import check_values
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.artefacts.texts import read_text, told_of
 from ge_torchrl.errors import ArtefactError
+from ge_torchrl.reading import json_of
 
 _Record = TypeVar("_Record", GenerationRecord, RefinementRecord, ArchiveRecord, Summary)
 
@@ -81,8 +83,8 @@ def read_record(kind: type[_Record], path: Path) -> _Record:
 
 def _record(kind: type[_Record], text: str, source: str) -> _Record:
     try:
-        values: Any = json.loads(text)
-    except json.JSONDecodeError as error:
+        values: Any = json_of(text)
+    except ValueError as error:
         raise ArtefactError(f"{source} is not JSON: {error}") from error
     given = [field for field in fields(kind) if field.init]
     # A field with a default may be younger than the file.
@@ -98,4 +100,5 @@ def _record(kind: type[_Record], text: str, source: str) -> _Record:
         for field in given
         if field.name in values
     }
+    check_values(kind, known, source)
     return kind(**known)

@@ -6,21 +6,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ge_torchrl import reading
 from ge_torchrl.errors import ArtefactError
 
 
 def read_text(path: Path) -> str:
-    """Return a file's text.
+    """Return a file's text; see `reading.read_text`.
 
     Raises:
-        ArtefactError: There is no such file, or it is not text in UTF-8.
+        ArtefactError: There is no such file, it is none or too large, or it is not text in UTF-8.
     """
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ArtefactError(f"{path} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ArtefactError(f"{path} is not text in UTF-8: {error}") from error
+    return reading.read_text(path)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.errors import ArtefactError
+from ge_torchrl.reading import is_folder
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.closing import drawn
 from ge_torchrl.trees.controller import Controller as _Controller
@@ -103,7 +104,7 @@ def load(path: str | os.PathLike[str], nodes: int | None = None) -> Controller:
         InvalidTreeError: The file holds no tree.
     """
     place = Path(path)
-    if place.is_dir():
+    if is_folder(place):
         folder = RunFolder(place)
         return Controller.of(folder.read_best_tree() if nodes is None else folder.read_archive_tree(nodes))
     if nodes is not None:

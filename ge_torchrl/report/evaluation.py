@@ -17,6 +17,7 @@ from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import ArtefactError, UserError
+from ge_torchrl.reading import is_folder, is_there
 from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluationSummary, SweepEvaluation
 from ge_torchrl.report.methods import METHODS, method_of
 from ge_torchrl.report.reading import environment_of_run, made, read_tree
@@ -81,7 +82,7 @@ def evaluate_tree(
 
 def is_above_runs(path: Path) -> bool:
     """Tell whether a path is a folder that is not itself a run's, so that runs can only lie below it."""
-    return path.is_dir() and not any((path / name).exists() for name in (CONFIG, BEST_TREE))
+    return is_folder(path) and not any(is_there(path / name) for name in (CONFIG, BEST_TREE))
 
 
 def evaluate_runs(

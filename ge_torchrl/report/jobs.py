@@ -9,7 +9,11 @@ from typing import NamedTuple
 
 from ge_torchrl.artefacts.folder import HISTORY, SUMMARY, TRACEBACK, RunFolder
 from ge_torchrl.errors import ArtefactError
+from ge_torchrl.printing import message_of
+from ge_torchrl.reading import is_there, read_bytes
 
+# Of a traceback, with messages as long as an environment likes.
+_MOST_BYTES = 16 << 20
 _NOTHING = "it failed before it began, or has not begun"
 _NUMBERED = re.compile(r"(\d+)(?:_|$)")
 
@@ -38,9 +42,8 @@ def unfinished_jobs(folder: Path) -> list[UnfinishedJob]:
 def _job(path: Path, folder: Path) -> UnfinishedJob:
     name = path.relative_to(folder).as_posix() if path != folder else path.name
     trace = path / TRACEBACK
-    if trace.exists():
-        lines = trace.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        return UnfinishedJob(name, "failed", lines[-1] if lines else "no reason is written down")
+    if is_there(trace):
+        return UnfinishedJob(name, "failed", _last_line(trace))
     try:
         history = RunFolder(path).read_history()
     except ArtefactError:
@@ -54,6 +57,14 @@ def _job(path: Path, folder: Path) -> UnfinishedJob:
         "unfinished",
         f"{last.generation + 1} generations in {last.elapsed_seconds:.0f} s{best}; goes on or broke off",
     )
+
+
+def _last_line(trace: Path) -> str:
+    try:
+        lines = read_bytes(trace, _MOST_BYTES).decode("utf-8", errors="replace").strip().splitlines()
+    except ArtefactError as error:
+        return str(error)
+    return message_of(lines[-1]) if lines else "no reason is written down"
 
 
 def _missing(folder: Path) -> Iterator[UnfinishedJob]:

@@ -13,6 +13,7 @@ from ge_torchrl.config import EnvironmentConfig
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec, describe, describe_settings
 from ge_torchrl.errors import ArtefactError
+from ge_torchrl.reading import is_folder, is_there
 from ge_torchrl.trees.controller import Controller, Names, check_names
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -30,10 +31,10 @@ def read_tree(path: Path, nodes: int | None) -> tuple[DecisionTree, EnvironmentS
         UserError: There is no such tree, or its environment is at fault.
     """
     controller = named_controller(path, nodes)
-    if path.is_dir():
+    if is_folder(path):
         return controller.tree, environment_of_run(RunFolder(path), controller)
     run = path.parent.parent if path.parent.name == ARCHIVE_TREES else path.parent
-    env = RunFolder(run).read_config().env if (run / CONFIG).exists() else None
+    env = RunFolder(run).read_config().env if is_there(run / CONFIG) else None
     return controller.tree, environment_of_tree(controller, env, path)
 
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from ge_torchrl.artefacts.folder import HISTORY, RunFolder, find_runs, none_found
+from ge_torchrl.artefacts.folder import HISTORY, SUMMARY, RunFolder, find_runs, none_found
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.report.methods import METHODS, method_of
 from ge_torchrl.report.settings import labels_of
 from ge_torchrl.report.sizes import SizedTree, trees_of_archive
+from ge_torchrl.report.tables import counted
 from ge_torchrl.trees.controller import Controller
 
 
@@ -135,10 +136,16 @@ def read_run(path: Path) -> Run:
     history = folder.read_history()
     if not history:
         raise ArtefactError(f"{path / HISTORY} must hold at least one generation; it is empty")
+    summary = folder.read_summary()
+    if len(history) < summary.generations:
+        raise ArtefactError(
+            f"{path / HISTORY} must hold {counted(summary.generations, 'generation')}, as {SUMMARY} says; it holds "
+            f"{len(history)}"
+        )
     return Run(
         path=path,
         config=config,
-        summary=folder.read_summary(),
+        summary=summary,
         history=tuple(history),
         refinements=tuple(folder.read_refinements()) if config.refiner.enabled else (),
         pruned=folder.read_best_tree(),

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ge_torchrl.errors import InvalidTreeError
+from ge_torchrl.printing import shortened
 from ge_torchrl.trees.tree import DecisionTree, FloatArray
+
+_LONGEST_NAME = 1000
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class Names:
 
     Raises:
         InvalidTreeError: Features and units differ in number, there is no feature or action, the limit is below 1, the
-            bounds are not one interval for each action, or the arguments are no JSON.
+            bounds are not one interval for each action, a name cannot be printed, or the arguments are no JSON.
     """
 
     id: str
@@ -51,6 +54,10 @@ class Names:
                 f"environment.units: expected one for each feature (an empty string for none); "
                 f"{self.id} has {len(self.features)} features and {len(self.units)} units"
             )
+        for key in ("features", "units", "actions", "wrappers"):
+            for place, text in enumerate(getattr(self, key)):
+                _check_name(f"environment.{key}[{place}]", text)
+        _check_name("environment.id", self.id)
         for key in ("features", "actions"):
             if not getattr(self, key):
                 raise InvalidTreeError(f"environment.{key}: expected at least one name; {self.id} has none")
@@ -165,6 +172,14 @@ def check_names(tree: DecisionTree, names: Names) -> None:
     if not tree.has_actions and tree.value.shape[1] != len(names.actions):
         raise InvalidTreeError(
             f"leaves[0].value: {names.id} takes {len(names.actions)} values, not {tree.value.shape[1]}"
+        )
+
+
+def _check_name(key: str, text: str) -> None:
+    """Refuse what a person cannot read in a table: what a terminal obeys, and what is too long."""
+    if not text.isprintable() or len(text) > _LONGEST_NAME:
+        raise InvalidTreeError(
+            f"{key}: expected one line of at most {_LONGEST_NAME} printable characters, got {shortened(repr(text))}"
         )
 
 

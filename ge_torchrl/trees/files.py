@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ge_torchrl.errors import ArtefactError, InvalidTreeError
+from ge_torchrl.reading import name_of, read_text
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.format_1 import FORMAT_1, controller_of_format_1
 from ge_torchrl.trees.format_2 import FORMAT, controller_of_format_2
@@ -20,6 +21,8 @@ from ge_torchrl.trees.tree import DecisionTree
 
 __all__ = ["FORMAT", "from_json", "read_controller", "to_json", "write_controller"]
 
+# A tree of a million nodes has as many.
+_MOST_BYTES = 128 << 20
 _ENVIRONMENT_KEYS = ("id", "kwargs", "wrappers", "max_episode_steps", "features", "units", "actions")
 
 
@@ -73,18 +76,10 @@ def read_controller(path: str | os.PathLike[str]) -> Controller:
     """Return the controller in a file.
 
     Raises:
-        ArtefactError: The file is missing or unreadable.
+        ArtefactError: The file is missing, unreadable, too large or no text in UTF-8.
         InvalidTreeError: Its text is not in the format `ge_torchrl.tree/2` or `/1`.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise ArtefactError(f"{os.fspath(path)}: cannot read the tree: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InvalidTreeError(
-            f"{os.fspath(path)}: expected JSON in UTF-8, got other bytes: {error}"
-        ) from error
-    return from_json(text, source=os.fspath(path))
+    return from_json(read_text(path, _MOST_BYTES), source=name_of(path))
 
 
 def write_controller(path: str | os.PathLike[str], controller: Controller) -> None:

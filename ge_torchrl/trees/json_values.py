@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import reprlib
 from collections.abc import Mapping
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ge_torchrl.errors import InvalidTreeError
+from ge_torchrl.reading import json_of
 
 _INT32 = np.iinfo(np.int32)
 # The least number that rounds to infinity: the decimal of the largest float32 may lie above that float32.
@@ -19,25 +19,11 @@ _OVERFLOW = 2.0**128 - 2.0**103
 def parsed(text: str) -> dict[str, Any]:
     """Return the JSON object that a text holds."""
     try:
-        content = json.loads(text, object_pairs_hook=_object)
-    except json.JSONDecodeError as error:
+        content = json_of(text)
+    except ValueError as error:
         raise InvalidTreeError(f"expected JSON, but {error}") from error
-    except (ValueError, RecursionError) as error:
-        raise InvalidTreeError(f"expected JSON of reasonable size, but {error}") from error
     if not isinstance(content, dict):
         raise InvalidTreeError(f"expected a JSON object, got {shown(content)}")
-    return content
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Refuse a key that stands twice: two readers of such a file may read two trees."""
-    content = dict(pairs)
-    if len(content) != len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise InvalidTreeError(
-            f"{shown(twice)}: expected once, but it stands {keys.count(twice)} times in one object"
-        )
     return content
 
 

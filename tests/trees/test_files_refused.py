@@ -23,7 +23,7 @@ def test_json_that_is_no_object_is_refused(text):
 
 
 def test_a_key_that_stands_twice_is_refused():
-    with pytest.raises(InvalidTreeError, match="'seed': expected once, but it stands 2 times"):
+    with pytest.raises(InvalidTreeError, match="'seed' stands 2 times in one object"):
         from_json(TEXT.replace('"seed": 3', '"seed": 3, "seed": 4'))
 
 

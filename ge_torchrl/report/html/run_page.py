@@ -9,7 +9,7 @@ from typing import Any
 from ge_torchrl.artefacts.episodes import CHAMPION, FULL, Episodes
 from ge_torchrl.artefacts.folder import CONFIG, RunFolder
 from ge_torchrl.artefacts.records import Summary
-from ge_torchrl.artefacts.texts import read_text
+from ge_torchrl.reading import is_there, read_text
 from ge_torchrl.report.html.episodes import episode_values
 from ge_torchrl.report.html.figures import mean_interval, number, seconds, short_count
 from ge_torchrl.report.html.known import known_of
@@ -133,7 +133,7 @@ def _texts(folder: RunFolder, run: Run) -> dict[str, str]:
 def read_rule(folder: RunFolder) -> str:
     """Return the champion as text, for a reader without scripts."""
     path = folder.path / "best_tree.txt"
-    return read_text(path) if path.exists() else ""
+    return read_text(path) if is_there(path) else ""
 
 
 def _by_steps(entry: tuple[str, int]) -> int:
