@@ -25,13 +25,16 @@ exclude_patterns = ["foreign/**", "examples/**", "trees/**"]
 myst_heading_anchors = 4
 # A block without a language is what a program prints.
 highlight_language = "none"
-smartquotes = False
+smartquotes_action = "D"
 # Docstrings are plain text, where a name in backticks is code, as it is in these pages.
 default_role = "code"
 add_module_names = False
 autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented_params"
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
+napoleon_use_ivar = True
+napoleon_use_rtype = False
 python_use_unqualified_type_names = True
 
 html_theme = "furo"
