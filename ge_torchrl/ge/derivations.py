@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from ge_torchrl.ge.productions import Kind
-from ge_torchrl.ge.rule_tables import CHOICE, CONSTANT, END, FEATURE, ONE, RANGE, VALUE, ZERO, RuleTables
+from ge_torchrl.ge.rule_index import NUMBERS, bodies_by_feature, rules_by_place
+from ge_torchrl.ge.rule_tables import CHOICE, CONSTANT, END, FEATURE, ONE, RANGE, VALUE, RuleTables
 from ge_torchrl.ge.sentences import NUMBER, Sentence, said_by
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -37,36 +38,50 @@ class Derivations:
         self.symbols: list[tuple[int, int]] = list(zip(kinds, arguments, strict=True))
         self.sentence: Sentence = said_by(target, tables)
         self._tables = tables
+        self._n_entries = 0 if target.has_actions else target.value.shape[1]
         self._constants: list[float] = program.constants.tolist()
         self._any_feature = [math.inf] * len(tables.rule_bodies)
+        self._found: dict[tuple[int, float], bool] = {}
         self._ends: list[dict[int, Ends]] = [{} for _ in tables.rule_bodies]
-        self._rules: dict[Kind, list[int]] = {kind: [] for kind in Kind}
-        for rule, kind in enumerate(tables.rule_kinds):
-            self._rules[kind].append(rule)
+        self._bodies = [
+            bodies_by_feature(self.symbols, bodies, self._can_be_zero) for bodies in tables.rule_bodies
+        ]
         self._derive()
 
     def _derive(self) -> None:
-        for rule in self._rules[Kind.FEATURE]:
-            bodies = self._tables.rule_bodies[rule]
-            self._any_feature[rule] = 1 + min(self.fewest_codons(body, ~0, {0: 0}) for body in bodies)
+        for rule, kind in enumerate(self._tables.rule_kinds):
+            if kind is Kind.FEATURE:
+                bodies = self._tables.rule_bodies[rule]
+                self._any_feature[rule] = 1 + min(self.fewest_codons(body, ~0, {0: 0}) for body in bodies)
+        rules = rules_by_place(self._tables, self.symbols, self._n_entries)
         for position in reversed(range(len(self.sentence.words))):
             for kind in self.sentence.kinds_at(position):
                 # The tables' order of rules puts those that a rule has as whole productions before it. But a sum may
                 # begin with any other.
-                changed = self._derive_at(position, kind)
+                here = rules.get((self.sentence.entries[position], kind), ())
+                changed = self._derive_at(position, here)
                 while changed and kind is Kind.SUM:
-                    changed = self._derive_at(position, kind)
+                    changed = self._derive_at(position, here)
 
-    def _derive_at(self, position: int, kind: Kind) -> bool:
+    def _derive_at(self, position: int, rules: Sequence[int]) -> bool:
         changed = False
-        for rule in self._rules[kind]:
+        for rule in rules:
             ends: dict[int, float] = {}
-            for body in self._tables.rule_bodies[rule]:
+            for body in self._bodies_at(rule, position):
                 for end, codons in self._ends_of_body(body, position).items():
                     ends[end] = min(ends.get(end, math.inf), 1 + codons)
             changed |= ends != self._ends[rule].get(position, _NOWHERE)
             self._ends[rule][position] = ends
         return changed
+
+    def _bodies_at(self, rule: int, position: int) -> Iterator[int]:
+        """Return the bodies of a rule that may derive what begins at a position."""
+        bodies, words = self._bodies[rule], self.sentence.words
+        yield from bodies.others
+        if bodies.products:
+            kind, feature = words[position + 1] if position + 1 < len(words) else (END, 0)
+            yield from bodies.products.get(feature, ()) if kind == FEATURE else ()
+            yield from bodies.zero if self.sentence.may_add_zeros[position] else ()
 
     @property
     def fewest_codons_of_all(self) -> float:
@@ -146,7 +161,7 @@ class Derivations:
             return self._ends[argument].get(position, _NOWHERE)
         if kind == VALUE:
             return {position: 0}
-        if kind in (RANGE, CONSTANT, ONE, ZERO):
+        if kind in NUMBERS:
             return self._ends_of_number(kind, argument, position)
         return {position + 1: 0} if self.sentence.words[position] == (kind, argument) else _NOWHERE
 
@@ -155,13 +170,19 @@ class Derivations:
         is_number = sentence.words[position][0] == NUMBER
         if is_number and self._says(kind, argument, sentence.numbers[position]):
             ends[position + 1] = int(kind == RANGE)
-        if sentence.may_add_zeros[position] and kind in (RANGE, CONSTANT) and self._says(kind, argument, 0.0):
+        if sentence.may_add_zeros[position] and self._can_be_zero(kind, argument):
             ends[~position] = int(kind == RANGE)
         return ends
 
+    def _can_be_zero(self, kind: int, argument: int) -> bool:
+        return kind in (RANGE, CONSTANT) and self._says(kind, argument, 0.0)
+
     def _says(self, kind: int, argument: int, number: float) -> bool:
         if kind == RANGE:
-            return self._tables.ranges[argument].find(number) is not None
+            found = self._found.get((argument, number))
+            if found is None:
+                found = self._found[argument, number] = self._tables.ranges[argument].find(number) is not None
+            return found
         return number == (self._constants[argument] if kind == CONSTANT else float(kind == ONE))
 
     def constants_at(self, constants: int, position: int, end: int, codon: int) -> list[int]:

@@ -14,6 +14,8 @@ NUMBER: Final = -1
 """A number: a weight, a threshold, or what is added to a leaf's sum."""
 OVER: Final = -2
 """The sentence is over."""
+OUTSIDE: Final = -1
+"""No entry of a leaf's values."""
 
 _TREES = (Kind.TREE,)
 _AXIS_CONDITION = (Kind.FEATURE, Kind.CONDITION)
@@ -31,12 +33,14 @@ class Sentence:
         numbers: The number of each word that is one.
         kinds: What begins at each word.
         may_add_zeros: Where terms of weight zero may stand in between, which the tree does not have.
+        entries: Which entry of a leaf's values each word belongs to; `OUTSIDE` where to none.
     """
 
     words: list[tuple[int, int]] = field(default_factory=list)
     numbers: list[float] = field(default_factory=list)
     kinds: list[tuple[Kind, ...]] = field(default_factory=list)
     may_add_zeros: list[bool] = field(default_factory=list)
+    entries: list[int] = field(default_factory=list)
 
     def kinds_at(self, position: int) -> tuple[Kind, ...]:
         """Return what may begin at a word, parts before the wholes that they begin."""
@@ -50,12 +54,14 @@ class Sentence:
         begins: tuple[Kind, ...] = (),
         *,
         may_add_zeros: bool = False,
+        entry: int = OUTSIDE,
     ) -> None:
         """Append a word."""
         self.words.append((kind, argument))
         self.numbers.append(number)
         self.kinds.append(begins)
         self.may_add_zeros.append(may_add_zeros)
+        self.entries.append(entry)
 
 
 def said_by(tree: DecisionTree, tables: RuleTables) -> Sentence:
@@ -95,13 +101,15 @@ def _add_leaf(sentence: Sentence, tree: DecisionTree, leaf: int) -> None:
     terms = slice(tree.leaf_term_start[leaf], tree.leaf_term_start[leaf + 1])
     features, weights = tree.leaf_feature[terms].tolist(), tree.leaf_weight[terms].T.tolist()
     for entry, value in enumerate(tree.value[leaf].tolist()):
-        sentence.add(NUMBER, number=value, begins=(Kind.CONSTANT, Kind.VALUE))
+        sentence.add(NUMBER, number=value, begins=(Kind.CONSTANT, Kind.VALUE), entry=entry)
         for feature, weight in zip(features, weights[entry], strict=True):
             if shared and weight == 0:
                 continue
-            sentence.add(NUMBER, number=weight, begins=(Kind.CONSTANT, Kind.SUM), may_add_zeros=shared)
-            sentence.add(FEATURE, feature, begins=(Kind.FEATURE,))
-        sentence.add(NEXT, begins=(Kind.CONSTANT, Kind.SUM) if shared else (), may_add_zeros=shared)
+            begins: tuple[Kind, ...] = (Kind.CONSTANT, Kind.SUM)
+            sentence.add(NUMBER, number=weight, begins=begins, may_add_zeros=shared, entry=entry)
+            sentence.add(FEATURE, feature, begins=(Kind.FEATURE,), entry=entry)
+        begins = (Kind.CONSTANT, Kind.SUM) if shared else ()
+        sentence.add(NEXT, begins=begins, may_add_zeros=shared, entry=entry)
 
 
 def _depth_first(tree: DecisionTree) -> Iterator[int]:

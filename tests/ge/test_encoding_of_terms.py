@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from grammars_for_tests import ACTIONS, FEATURES, genotypes
@@ -251,3 +253,22 @@ def test_long_sums_take_no_exponential_time():
             )._asdict()
         )
         assert mapped(encode(tree, np.zeros(400, np.int32), tables), tables) == tree
+
+
+def test_an_answer_of_many_features_and_entries_takes_no_seconds():
+    n_features, n_entries = 100, 8
+    features = [f"x{i}" for i in range(n_features)]
+    rules = [f"<dt> ::= act({', '.join(f'<v{entry}>' for entry in range(n_entries))})"]
+    for entry in range(n_entries):
+        terms = " | ".join(f"[-2, 2] step 0.5 * {name}" for name in features)
+        rules += [
+            f"<v{entry}> ::= [-1, 1] step 0.5 + <s{entry}>",
+            f"<s{entry}> ::= <t{entry}> | <t{entry}> + <s{entry}>",
+        ]
+        rules.append(f"<t{entry}> ::= {terms}")
+    grammar = read_grammar("\n".join(rules), features, [f"a{i}" for i in range(n_entries)], continuous=True)
+    weights = np.resize(np.float32([0.5, -1.0, 0.0, 2.0]), (n_features, n_entries))
+    tree = value_leaf([0.5] * n_entries, dict(enumerate(weights.tolist())))
+    started = time.process_time()
+    assert can_derive(tree, compile_rules(grammar))
+    assert time.process_time() - started < 5
