@@ -153,30 +153,33 @@ def evaluate_leaves(
 def decide_by_selects_of_sums(
     rows: NDArray[np.float64], values: NDArray[np.float64], forest: ForestArrays, tree: int
 ) -> None:
-    """Do what `decide_by_selects` does, where splits may be weighted sums."""
+    """Do what `decide_by_selects` does, where splits may be weighted sums.
+
+    Sums stand in ACTION until their split has answered. In `values`, where the answers come, LLVM would not vectorise.
+    """
     lanes = np.uint64(LANES)
     first = forest.split_start[tree]
     n_splits = forest.split_start[tree + 1] - first
     for split in range(n_splits - 1, -1, -1):
         row = first + split
         at = np.uint64(split) * lanes
-        first_term = forest.term_start[row]
-        for term in range(first_term, forest.term_start[row + 1]):
+        first_term, last_term = forest.term_start[row], forest.term_start[row + 1]
+        for term in range(first_term, last_term):
             observed = np.uint64(OBSERVATION) + np.uint64(forest.feature[term]) * lanes
             weight = np.float64(forest.weight[term])
             if term == first_term:
                 for i in range(lanes):
-                    values[at + i] = weight * rows[observed + i]
+                    rows[np.uint64(ACTION) + i] = weight * rows[observed + i]
             else:
                 for i in range(lanes):
-                    values[at + i] += weight * rows[observed + i]
+                    rows[np.uint64(ACTION) + i] += weight * rows[observed + i]
         limit = np.float64(forest.threshold[row])
         left_child, right_child = np.int64(forest.children_left[row]), np.int64(forest.children_right[row])
         left = np.uint64(left_child if left_child >= 0 else n_splits + ~left_child) * lanes
         right = np.uint64(right_child if right_child >= 0 else n_splits + ~right_child) * lanes
         for i in range(lanes):
             if_true, if_false = values[left + i], values[right + i]
-            values[at + i] = if_true if values[at + i] < limit else if_false
+            values[at + i] = if_true if rows[np.uint64(ACTION) + i] < limit else if_false
     for i in range(lanes):
         rows[np.uint64(ACTION) + i] = values[i]
 
