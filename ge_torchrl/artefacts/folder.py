@@ -13,6 +13,7 @@
 | `episodes.json` | some test episodes step by step, and how often each leaf decided in all of them |
 | `summary.json` | the `Summary`; a folder that holds it is a finished run |
 | `report.html` | all of it as a page to look at |
+| `checkpoints/` | from which a run goes on that did not come to its end |
 
 The history and the refinements grow line by line. Every other file is there whole or not at all, and may be written
 again while a run goes on.
@@ -22,44 +23,43 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Self
-
-import yaml
 
 from ge_torchrl.artefacts.episodes import Episodes, episodes_text, read_episodes
-from ge_torchrl.artefacts.lines import RecordWriter, read_record, read_records, to_json
+from ge_torchrl.artefacts.journal import CONFIG, HISTORY, REFINEMENTS, SUMMARY, TRACEBACK, Journal
+from ge_torchrl.artefacts.lines import read_record, read_records, to_json
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
-from ge_torchrl.artefacts.texts import told_of, write_text, write_whole
+from ge_torchrl.artefacts.texts import told_of, write_text
 from ge_torchrl.config import Config, without_gone
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.reading import MOST_SETTINGS_BYTES, is_there, read_text, yaml_of
 from ge_torchrl.trees.controller import Controller
-from ge_torchrl.trees.files import read_controller, write_controller
+from ge_torchrl.trees.files import read_controller
+from ge_torchrl.trees.files import to_json as tree_to_json
 
-CONFIG, HISTORY, REFINEMENTS, SUMMARY = "config.yaml", "history.jsonl", "refinements.jsonl", "summary.json"
+__all__ = [
+    "ARCHIVE",
+    "ARCHIVE_TREES",
+    "BEST_TREE",
+    "BEST_TREE_FULL",
+    "BEST_TREE_TEXT",
+    "CONFIG",
+    "EPISODES",
+    "HISTORY",
+    "PAGE",
+    "REFINEMENTS",
+    "SUMMARY",
+    "TRACEBACK",
+    "RunFolder",
+    "find_runs",
+    "none_found",
+]
+
 BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT = "best_tree.json", "best_tree_full.json", "best_tree.txt"
 ARCHIVE, ARCHIVE_TREES = "archive.jsonl", "archive"
-TRACEBACK = "traceback.txt"
 EPISODES, PAGE = "episodes.json", "report.html"
 
 
-# YAML takes them for line ends too, and would read another text.
-_ODD_LINE_ENDS = "\r\x85\u2028\u2029"
-
-
-class _BlockDumper(yaml.SafeDumper):
-    """Writes a text of several lines, such as a grammar, as a block of lines."""
-
-    def represent_lines(self, text: str) -> yaml.ScalarNode:
-        """Represent a text; what a block cannot hold exactly is quoted."""
-        style = '"' if any(end in text for end in _ODD_LINE_ENDS) else "|" if "\n" in text else None
-        return self.represent_scalar("tag:yaml.org,2002:str", text, style=style)
-
-
-_BlockDumper.add_representer(str, _BlockDumper.represent_lines)
-
-
-class RunFolder:
+class RunFolder(Journal):
     """The folder of one run.
 
     Args:
@@ -67,56 +67,17 @@ class RunFolder:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        super().__init__(path)
+        self._written: dict[Path, str] = {}
 
     def __str__(self) -> str:
         return str(self.path)
 
-    @classmethod
-    def create(cls, path: Path, config: Config, key: str = "hydra.run.dir") -> Self:
-        """Make the folder and write the configuration into it.
-
-        Args:
-            path: The folder; it may exist, but must hold no run.
-            config: The run's configuration.
-            key: What the user calls the folder.
-
-        Raises:
-            ArtefactError: The folder holds a run already, or cannot be written.
-        """
-        if (path / SUMMARY).exists() or (path / HISTORY).exists():
-            raise ArtefactError(
-                f"{key} must be a folder without a run, so that nothing is lost; {path} holds one already"
-            )
-        folder = cls(path)
-        try:
-            with told_of(path):
-                path.mkdir(parents=True, exist_ok=True)
-            folder.write_config(config)
-        except ArtefactError as error:
-            raise ArtefactError(
-                f"{key} must be a folder that can be written, because a run leaves its files there; {error}"
-            ) from error
-        return folder
-
-    def history_writer(self) -> RecordWriter:
-        """Open the history for writing, record by record."""
-        return RecordWriter(self.path / HISTORY)
-
-    def refinements_writer(self) -> RecordWriter:
-        """Open the refinements for writing, record by record."""
-        return RecordWriter(self.path / REFINEMENTS)
-
-    def write_config(self, config: Config) -> None:
-        """Write the configuration, again where the run has measured what was left open."""
-        text = yaml.dump(config.as_mapping(), Dumper=_BlockDumper, sort_keys=False, allow_unicode=True)
-        write_text(self.path / CONFIG, text)
-
     def write_trees(self, pruned: Controller, full: Controller, text: str) -> None:
         """Write the champion, as a file, in full, and for a person."""
-        _write_tree(self.path / BEST_TREE, pruned)
-        _write_tree(self.path / BEST_TREE_FULL, full)
-        write_text(self.path / BEST_TREE_TEXT, text)
+        self._write(self.path / BEST_TREE, tree_to_json(pruned))
+        self._write(self.path / BEST_TREE_FULL, tree_to_json(full))
+        self._write(self.path / BEST_TREE_TEXT, text)
 
     def write_archive(self, members: Sequence[tuple[ArchiveRecord, Controller]]) -> None:
         """Write the best trees of all sizes, first their files and then the table that names them.
@@ -128,11 +89,18 @@ class RunFolder:
             (self.path / ARCHIVE_TREES).mkdir(exist_ok=True)
         paths = [self._archive_tree(record.decision_nodes) for record, _ in members]
         for path, (_, controller) in zip(paths, members, strict=True):
-            _write_tree(path, controller)
-        write_text(self.path / ARCHIVE, "".join(to_json(record) for record, _ in members))
+            self._write(path, tree_to_json(controller))
+        self._write(self.path / ARCHIVE, "".join(to_json(record) for record, _ in members))
         for stale in set((self.path / ARCHIVE_TREES).glob("*.json")).difference(paths):
             with told_of(stale):
                 stale.unlink()
+            self._written.pop(stale, None)
+
+    def _write(self, path: Path, text: str) -> None:
+        """Write a text that a run writes again and again, where it has changed."""
+        if self._written.get(path) != text:
+            write_text(path, text)
+            self._written[path] = text
 
     def write_episodes(self, episodes: Episodes) -> None:
         """Write what the test saw."""
@@ -266,7 +234,3 @@ def none_found(folder: Path, unreadable: Sequence[str]) -> ArtefactError:
         many = f", and {len(unfinished) - 1} more," * (len(unfinished) > 1)
         reason = f", but {unfinished[0]}{many} without {SUMMARY}: a run that goes on, or broke off"
     return ArtefactError(f"expected a folder with finished runs; found none in {folder}{reason}")
-
-
-def _write_tree(path: Path, controller: Controller) -> None:
-    write_whole(path, lambda beside: write_controller(beside, controller))

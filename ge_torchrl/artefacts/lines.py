@@ -1,37 +1,73 @@
-"""Records as lines of JSON, in and out."""
+"""Records as lines of JSON, in and out, each with a checksum as its last key.
+
+A line is appended whole; what a kill or a full disk leaves of the last one has no line break yet, and is no line.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+import zlib
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self, TypeVar
+from typing import IO, Any, NamedTuple, Self, TypeVar
 
 from ge_torchrl.artefacts.checking import check_values
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
-from ge_torchrl.artefacts.texts import read_text, told_of
+from ge_torchrl.artefacts.texts import put, read_text, settle, told_of
 from ge_torchrl.errors import ArtefactError
-from ge_torchrl.reading import json_of
+from ge_torchrl.reading import json_of, read_bytes
 
 _Record = TypeVar("_Record", GenerationRecord, RefinementRecord, ArchiveRecord, Summary)
+
+CHECKSUM = "crc32"
+"""The last key of each record: of the JSON of all other keys, as Python writes it."""
+
+
+class Mark(NamedTuple):
+    """How far a file of lines was written.
+
+    Attributes:
+        size: In bytes.
+        crc32: Of these bytes.
+    """
+
+    size: int = 0
+    crc32: int = 0
+
+    def after(self, content: bytes) -> Mark:
+        """Return the mark after some more bytes."""
+        return Mark(self.size + len(content), zlib.crc32(content, self.crc32))
+
+    def holds(self, path: Path) -> bool:
+        """Tell whether a file begins with these bytes."""
+        try:
+            return Mark().after(read_bytes(path)[: self.size]) == self
+        except ArtefactError:
+            return self.size == 0
 
 
 class RecordWriter:
     """Writes records line by line, so that an interrupted run keeps what it had.
 
     Args:
-        path: The file; entering the context empties it.
+        path: The file; entering the context makes it.
+        mark: What of it stays, mostly nothing.
+
+    Attributes:
+        mark: How far it is written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, mark: Mark = Mark()) -> None:  # noqa: B008 (a constant)
         self._path = path
-        self._file: IO[str] | None = None
+        self._file: IO[bytes] | None = None
+        self.mark = mark
 
     def __enter__(self) -> Self:
         with told_of(self._path):
-            self._file = self._path.open("w", encoding="utf-8", buffering=1)
+            self._file = self._path.open("ab", buffering=0)
+            self._file.truncate(self.mark.size)
         return self
 
     def __exit__(
@@ -46,10 +82,25 @@ class RecordWriter:
         Raises:
             ArtefactError: The file cannot be written.
         """
+        content = to_json(record).encode()
+        with told_of(self._path):
+            put(self._opened.fileno(), content)
+        self.mark = self.mark.after(content)
+
+    def settle(self) -> None:
+        """Wait until all of it is on the disk.
+
+        Raises:
+            ArtefactError: The disk refuses it.
+        """
+        with told_of(self._path):
+            settle(self._opened.fileno())
+
+    @property
+    def _opened(self) -> IO[bytes]:
         if self._file is None:
             raise ValueError("records are written inside a with statement")
-        with told_of(self._path):
-            self._file.write(to_json(record))
+        return self._file
 
 
 def to_json(
@@ -60,16 +111,30 @@ def to_json(
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in asdict(record).items()
     }
-    return json.dumps(values, indent=indent, allow_nan=False) + "\n"
+    return json.dumps(values | {CHECKSUM: _checksum(values)}, indent=indent, allow_nan=False) + "\n"
+
+
+def _checksum(values: dict[str, Any]) -> str:
+    return f"{zlib.crc32(json.dumps(values).encode()):08x}"
 
 
 def read_records(kind: type[_Record], path: Path) -> list[_Record]:
-    """Read a file with a record a line.
+    """Read a file with a record a line; a last line that was not written to its end is left out.
 
     Raises:
         ArtefactError: There is no such file, or a line is not a record.
     """
-    return [_record(kind, line, f"{path}:{n}") for n, line in enumerate(read_text(path).splitlines(), 1)]
+    *lines, last = read_text(path).split("\n")
+    if last and not _is_torn(kind, last):
+        lines.append(last)
+    return [_record(kind, line, f"{path}:{n}") for n, line in enumerate(lines, 1)]
+
+
+def _is_torn(kind: type[_Record], line: str) -> bool:
+    """Tell whether a line without a line break is the beginning of a record that was to be appended."""
+    begins = f'{{"{fields(kind)[0].name}": '
+    appended = kind in (GenerationRecord, RefinementRecord)
+    return appended and not line.endswith("}") and (line.startswith(begins) or begins.startswith(line))
 
 
 def read_record(kind: type[_Record], path: Path) -> _Record:
@@ -87,12 +152,17 @@ def _record(kind: type[_Record], text: str, source: str) -> _Record:
     except ValueError as error:
         raise ArtefactError(f"{source} is not JSON: {error}") from error
     given = [field for field in fields(kind) if field.init]
-    # A field with a default may be younger than the file.
+    # A field with a default may be younger than the file, as the checksum may be.
     required = {field.name for field in given if field.default is MISSING}
     if not isinstance(values, dict) or not required <= values.keys():
         missing = sorted(required - values.keys()) if isinstance(values, dict) else sorted(required)
         raise ArtefactError(
             f"{source} must be an object with every key of a {kind.__name__}; missing: {missing}"
+        )
+    checksum = values.pop(CHECKSUM, None)
+    if checksum is not None and checksum != _checksum(values):
+        raise ArtefactError(
+            f"{source} is damaged: its {CHECKSUM} is {checksum!r}, but its other keys make {_checksum(values)!r}"
         )
     # JSON knows lists alone, records tuples alone.
     known: dict[str, Any] = {

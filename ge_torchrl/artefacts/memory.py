@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
+from ge_torchrl.artefacts.checkpoints import Checkpoint
 from ge_torchrl.artefacts.episodes import Episodes
 from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.artefacts.lines import Mark
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError
-from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.controller import Controller, Names
 
 _Record = TypeVar("_Record", GenerationRecord, RefinementRecord)
 
@@ -55,6 +57,24 @@ class RunMemory:
     def path(self) -> None:
         """Where it lies: nowhere."""
         return
+
+    @property
+    def lines(self) -> dict[str, Mark]:
+        """How far each file of records is written: there are none."""
+        return {}
+
+    def begin(self, names: Names, told: Callable[[str], None]) -> Checkpoint | None:  # noqa: ARG002 (as a folder's)
+        """Return from where the run goes on: it begins."""
+        return None
+
+    def write_checkpoint(self, checkpoint: Checkpoint) -> None:
+        """Write nothing, since nothing is left of memory when a run is broken off."""
+
+    def finish(self) -> None:
+        """Remove what only a run needs that goes on: nothing."""
+
+    def release(self) -> None:
+        """Let other processes write: none can."""
 
     def history_writer(self) -> AbstractContextManager[Records]:
         """Open the history for writing, record by record."""

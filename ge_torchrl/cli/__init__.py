@@ -12,6 +12,7 @@ from ge_torchrl.cli.explaining import explain
 from ge_torchrl.cli.exporting import export
 from ge_torchrl.cli.playing import play
 from ge_torchrl.cli.reporting import report
+from ge_torchrl.cli.resuming import resume
 from ge_torchrl.cli.statuses import OK
 from ge_torchrl.errors import UserError
 
@@ -27,6 +28,7 @@ _PLAIN: Mapping[str, Verb] = MappingProxyType(
         "export": export,
         "play": play,
         "report": report,
+        "resume": resume,
     }
 )
 _COMPOSING: Mapping[str, Callable[[list[str], Compose], int]] = MappingProxyType(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.environments.ledger import Accountable, Ledger, Limit, LimitReachedError, within
 from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.environments.witness import Witness
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -238,6 +239,11 @@ class Backend(Protocol):
     @property
     def steps(self) -> Counter[str]:
         """Environment steps by purpose."""
+        ...
+
+    @property
+    def witness(self) -> Witness | None:
+        """What was seen of the environment that it had not said of itself; None where it keeps its word."""
         ...
 
     @property

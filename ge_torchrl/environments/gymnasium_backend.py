@@ -90,6 +90,11 @@ class GymnasiumBackend(Accountable):
         self.steps_per_second = one_process * self._n_workers
 
     @property
+    def witness(self) -> Witness:
+        """What was seen of the environment that it had not said of itself."""
+        return self._runner.witness
+
+    @property
     def bounds(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Bounds [D], [D] that every observation so far kept; trees may be simplified by them.
 

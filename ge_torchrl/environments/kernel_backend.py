@@ -97,6 +97,11 @@ class KernelBackend(Accountable):
             backend.close()
 
     @property
+    def witness(self) -> None:
+        """Nobody: a kernel keeps its bounds."""
+        return
+
+    @property
     def bounds(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Bounds [D], [D] of observations, which a kernel keeps."""
         return self.spec.low, self.spec.high

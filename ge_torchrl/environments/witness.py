@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +49,18 @@ class Witness:
                 self.outside[feature] = observation[feature]
                 self.checks[feature] = (feature, -math.inf, math.inf)
 
-    def hear(self, outside: dict[int, float], *, is_endless: bool) -> None:
+    def hear(self, outside: Mapping[int, float], *, is_endless: bool) -> None:
         """Take note of what another witness saw."""
         for feature, value in outside.items():
             self.outside.setdefault(feature, value)
             self.checks[feature] = (feature, -math.inf, math.inf)
         self.is_endless |= is_endless
+
+    def recall(self, outside: Mapping[int, float], *, is_endless: bool) -> None:
+        """Take note of what this witness saw, and reported, before the run was broken off."""
+        self.hear(outside, is_endless=is_endless)
+        self._is_outside_reported |= bool(outside)
+        self._is_endless_reported |= is_endless
 
     def report(self) -> None:
         """Warn of what was seen, of each kind of thing once."""

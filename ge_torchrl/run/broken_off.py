@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import traceback
 
+from ge_torchrl.artefacts.checkpoints import has_checkpoints
 from ge_torchrl.artefacts.memory import Artefacts
-from ge_torchrl.errors import RunFaultError, UserError
+from ge_torchrl.errors import ArtefactError, RunFaultError, UserError
 from ge_torchrl.run.recording import write_untested
 from ge_torchrl.search.conclusion import contenders_of, train_fitness_of
 from ge_torchrl.search.problem import Problem
@@ -13,22 +14,50 @@ from ge_torchrl.search.state import SearchState
 from ge_torchrl.trees.controller import Names
 
 
+def save_trees(problem: Problem, names: Names, artefacts: Artefacts, state: SearchState) -> bool:
+    """Save the best tree so far and the kept ones, and tell whether there are any.
+
+    Args:
+        problem: What is searched.
+        names: Of its features and actions.
+        artefacts: Takes the trees.
+        state: A state of the search.
+
+    Raises:
+        ArtefactError: They cannot be written.
+    """
+    contenders = contenders_of(problem, state)
+    if contenders:
+        write_untested(problem.config, names, artefacts, max(contenders, key=train_fitness_of), state.archive)
+    return bool(contenders)
+
+
 def save_what_there_is(
-    problem: Problem, names: Names, artefacts: Artefacts, state: SearchState | None
+    problem: Problem,
+    names: Names,
+    artefacts: Artefacts,
+    state: SearchState | None,
+    *,
+    may_go_on: bool = True,
 ) -> str:
-    """Save the best tree so far and the kept ones, and return what to say of them.
+    """Save the best tree so far and the kept ones where that can be, and return what to say of them.
 
     Args:
         problem: What is searched.
         names: Of its features and actions.
         artefacts: Takes the trees.
         state: The last state; None before the first generation.
+        may_go_on: Whether the run can come to another end where it goes on.
     """
-    if state is None or not (contenders := contenders_of(problem, state)):
-        return "no tree was there yet"
-    best = max(contenders, key=train_fitness_of)
-    write_untested(problem.config, names, artefacts, best, state.archive)
-    return f"the best tree so far is in {artefacts}, untested"
+    try:
+        if state is None or not save_trees(problem, names, artefacts, state):
+            return "no tree was there yet"
+        saved = f"the best tree so far is in {artefacts}, untested"
+    except ArtefactError:
+        saved = f"the best tree of an earlier generation is in {artefacts}, untested"
+    if may_go_on and artefacts.path is not None and has_checkpoints(artefacts.path):
+        return f"{saved}; ge-torchrl resume {artefacts} goes on"
+    return saved
 
 
 def told_of_fault(fault: Exception, found: str, artefacts: Artefacts) -> Exception:

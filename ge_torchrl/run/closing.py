@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
+from ge_torchrl.artefacts.checkpoints import has_checkpoints
 from ge_torchrl.artefacts.folder import PAGE
 from ge_torchrl.artefacts.records import ArchiveRecord, Summary
 from ge_torchrl.report.evaluated import verdict
@@ -78,6 +79,7 @@ def closing_text(
         *(("warning", warning) for warning in summary.warnings),
         ("run folder", str(shown_path)),
         *([("page", str(shown_path / PAGE))] if (shown_path / PAGE).exists() else []),
+        *([("to go on", f"ge-torchrl resume {shown_path}")] if has_checkpoints(shown_path) else []),
     ]
     sizes = by_size(trees_of_archive(archive, summary.seed, summary.decision_nodes))
     parts = [

@@ -1,8 +1,7 @@
-"""A run from configuration to verdict: describe, search, choose, prune, test, write, tell."""
+"""A run from configuration to verdict: describe, search, choose, prune, test, write, tell; and one that goes on."""
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -10,54 +9,18 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ge_torchrl.artefacts.folder import RunFolder
-from ge_torchrl.artefacts.memory import Artefacts, Records
+from ge_torchrl.artefacts.checkpoints import has_checkpoints
+from ge_torchrl.artefacts.folder import PAGE, SUMMARY, RunFolder
+from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.artefacts.records import Summary
 from ge_torchrl.config import Config
-from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.environments.choose import open_backend
-from ge_torchrl.errors import GrammarError, UserError
-from ge_torchrl.interrupts import ignore_interrupts, last_words
-from ge_torchrl.report.methods import method_of, refiner_of
-from ge_torchrl.report.tables import counted
-from ge_torchrl.run.allowance import Allowance, Phase
-from ge_torchrl.run.broken_off import save_what_there_is, told_of_fault
 from ge_torchrl.run.closing import closing_text
-from ge_torchrl.run.costs import refinement_cost
-from ge_torchrl.run.episodes import keep_episodes, write_page_of_run
+from ge_torchrl.run.episodes import write_page_of_run
 from ge_torchrl.run.finished import Finished, Observer
-from ge_torchrl.run.loop import Search
-from ge_torchrl.run.plan import Plan, plan
-from ge_torchrl.run.progress import Progress, print_line
-from ge_torchrl.run.recording import (
-    best_by_nodes,
-    generation_record,
-    refinement_records,
-    summary_of,
-    write_verdict,
-)
-from ge_torchrl.run.refining import refiners_of, with_batches
-from ge_torchrl.run.remaining import after_search
-from ge_torchrl.run.telling import warnings_told
-from ge_torchrl.run.tracking import tracking
+from ge_torchrl.run.plan import plan
+from ge_torchrl.run.running import Run
 from ge_torchrl.run.warming import compile_kernels, is_first_of_its_kind
-from ge_torchrl.search.conclusion import (
-    Verdict,
-    choose,
-    contenders_of,
-    examine,
-    refine_once_more,
-)
-from ge_torchrl.search.problem import Problem
-from ge_torchrl.search.refinement import IMPROVED
-from ge_torchrl.search.restarts import together
-from ge_torchrl.search.rounding import round_kept
-from ge_torchrl.search.state import Events, SearchState
-from ge_torchrl.trees.controller import Controller
-
-_logger = logging.getLogger(__name__)
-
-_TESTING = "Testing what was found; Ctrl-C again leaves it untested."
 
 
 def run(config: Config, output_dir: Path, console: Console | None = None) -> Summary:
@@ -75,14 +38,50 @@ def run(config: Config, output_dir: Path, console: Console | None = None) -> Sum
         UserError: The configuration cannot be run, or the environment failed on the way.
         RunFaultError: Something else failed; the best tree so far is in the folder.
     """
+    return _to_the_end(config, lambda decided: RunFolder.create(output_dir, decided), output_dir, console)
+
+
+def resume(path: Path, console: Console | None = None) -> Summary | None:
+    """Go on with a run that was killed or interrupted, or that broke off; it ends as if it had been left alone.
+
+    Args:
+        path: The run's folder.
+        console: Where progress goes; standard output if not given.
+
+    Returns:
+        The summary, as it is in the folder; None where the run has come to its end before.
+
+    Raises:
+        UserError: There is nothing to go on from, another process runs it, or the environment failed.
+        RunFaultError: Something else failed; the best tree so far is in the folder.
+    """
     console = console or Console(highlight=False)
-    finished = carry_out(config, lambda decided: RunFolder.create(output_dir, decided), console)
-    write_page_of_run(output_dir, console)
-    shown = output_dir.relative_to(Path.cwd()) if output_dir.is_relative_to(Path.cwd()) else output_dir
+    if is_finished(path):
+        if not (path / PAGE).exists():
+            write_page_of_run(path, console)
+        return None
+    folder = RunFolder.reopen(path)
+    try:
+        return _to_the_end(folder.read_config(), lambda _: folder, path, console)
+    finally:
+        folder.release()
+
+
+def is_finished(path: Path) -> bool:
+    """Tell whether the run in a folder has come to its end: one that was interrupted can go on."""
+    return (path / SUMMARY).exists() and not has_checkpoints(path)
+
+
+def _to_the_end(
+    config: Config, keep: Callable[[Config], RunFolder], path: Path, console: Console | None
+) -> Summary:
+    console = console or Console(highlight=False)
+    finished = carry_out(config, keep, console)
+    write_page_of_run(path, console)
     text = closing_text(
         finished.summary,
         finished.champion,
-        shown,
+        path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path,
         finished.archive,
         finished.refiner,
         improved=finished.improved,
@@ -116,183 +115,17 @@ def carry_out(
     is_first = is_first_of_its_kind(planned)
     if is_first:
         console.print("Compiling the kernels for this machine, once; this takes some seconds ...")
-    backend = open_backend(planned.spec, config.env.route, config.evaluation.threads, config.env.workers)
-    try:
+    with ExitStack() as opened:
+        backend = open_backend(planned.spec, config.env.route, config.evaluation.threads, config.env.workers)
+        opened.callback(backend.close)
         if is_first:
             # That happens once, and is no part of what a run may take.
             compile_kernels(planned, backend.name)
             started = time.perf_counter() - planned.seconds
-        return _Run(planned, backend, keep, console, observer, started).to_the_end()
-    finally:
-        backend.close()
 
+        def kept(decided: Config) -> Artefacts:
+            artefacts = keep(decided)
+            opened.callback(artefacts.release)
+            return artefacts
 
-class _Run:
-    """One run: its search, its artefacts and its screen."""
-
-    def __init__(
-        self,
-        planned: Plan,
-        backend: Backend,
-        keep: Callable[[Config], Artefacts],
-        console: Console,
-        observer: Observer,
-        started: float,
-    ) -> None:
-        given = planned.config.evaluation.steps_per_second
-        speed, sums = backend.steps_per_second if given is None else given, planned.tables.grammar.has_sums
-        self.config = with_batches(planned.config.resolved(speed, has_sums=sums), backend)
-        self.names, self.notes, self.looked = planned.spec.names, planned.notes, planned.seconds
-        self.console, self.observer, self.started = console, observer, started
-        self.folder = keep(self.config)
-        self.backend = backend
-        refiner, polisher = refiners_of(self.config, backend)
-        self.problem = Problem(self.config, planned.tables, backend, refiner, polisher, planned.mirror)
-        self.allowance = Allowance.of(
-            self.config, started, backend.spec.max_episode_steps, rounds=self.problem.rounds
-        )
-        self.search = Search(self.problem, self._watch)
-        self.warnings: list[str] = []
-        self.refine_seconds = self.polish_seconds = 0.0
-        self.improved = 0
-
-    def to_the_end(self) -> Finished:
-        config, console = self.config, self.console
-        print_line(
-            console,
-            f"{self.backend.spec.id}, seed {config.seed}: {counted(config.ge.generations, 'generation')} of "
-            f"{config.ge.population_size} trees, {counted(config.evaluation.episodes, 'episode')} each, "
-            f"{self.backend.name} route",
-        )
-        with ExitStack() as opened:
-            opened.enter_context(warnings_told(self.warnings, console))
-            for note in self.notes:
-                _logger.warning("%s", note)
-            self.history: Records = opened.enter_context(self.folder.history_writer())
-            if self.problem.refiner is not None:
-                self.refinements: Records = opened.enter_context(self.folder.refinements_writer())
-            name = f"{self.backend.spec.id} {method_of(config)} seed {config.seed}"
-            self.tracker = opened.enter_context(tracking(config, self.folder.path, name))
-            self.progress = opened.enter_context(self._progress())
-            self.backend.on_steps = self.progress.beat
-            opened.enter_context(last_words(self._save_what_there_is))
-            try:
-                stopped_by, evolve_seconds, verdict = self._search_and_choose()
-            except LimitReachedError as limit:
-                small = UserError(self.allowance.too_small(limit.reason, self.looked))
-                raise told_of_fault(small, self._save_what_there_is(), self.folder) from limit
-            except KeyboardInterrupt:
-                ignore_interrupts()
-                saved = self._save_what_there_is()
-                self.progress.end()
-                print_line(console, f"interrupted; {saved}")
-                raise KeyboardInterrupt(saved) from None
-            except Exception as fault:
-                if isinstance(fault, BrokenPipeError) and console.quiet:
-                    self._save_what_there_is()
-                    raise  # Nobody reads the screen any more; nothing broke.
-                raise told_of_fault(fault, self._save_what_there_is(), self.folder) from fault
-            records = write_verdict(config, self.names, self.folder, verdict)
-            self.backend.limit = self.allowance.until(Phase.RECORD)
-            keep_episodes(self.folder, self.problem, verdict)
-            summary = self._summary(verdict, stopped_by, evolve_seconds)
-            self.tracker.verdict(summary)
-        self.folder.write_summary(summary)
-        champion = Controller(verdict.champion.pruned, self.names)
-        refiner = refiner_of(method_of(config))
-        return Finished(self.folder, summary, champion, records, refiner, self.improved)
-
-    def _progress(self) -> Progress:
-        config = self.config
-        return Progress(
-            self.console,
-            config.ge.generations,
-            config,
-            self.allowance.ends[Phase.SEARCH],
-            refinement_cost(config, self.backend.spec.max_episode_steps),
-            compiles=self.backend.name == "kernel",
-        )
-
-    def _search_and_choose(self) -> tuple[str, float, Verdict]:
-        self.backend.limit = self.allowance.until(Phase.SEARCH)
-        stopped_by = self.search.run()
-        state = self._last_state()
-        if stopped_by in ("max_seconds", "max_env_steps"):
-            self._tell_of_limit(state, stopped_by)
-        contenders = contenders_of(self.problem, state)
-        if not contenders:
-            raise GrammarError(
-                f"no genotype of {self.config.ge.genotype_length} codons gave a tree in {state.counts.born} tries; "
-                f"the grammar {self.config.grammar.name} needs a longer one (ge.genotype_length) or wraps (ge.wraps)"
-            )
-        if stopped_by == "interrupt":
-            self.progress.say(_TESTING)
-        else:
-            state = self._finished(state)
-        evolve_seconds = time.perf_counter() - self.started
-        self.progress.say("Validation and test ...")
-        self.backend.limit = self.allowance.until(Phase.VALIDATION)
-        champion, by_size = choose(self.problem, contenders_of(self.problem, state))
-        self.backend.limit = self.allowance.until(Phase.TEST)
-        return stopped_by, evolve_seconds, examine(self.problem, champion, by_size)
-
-    def _finished(self, state: SearchState) -> SearchState:
-        """Refine the kept trees once more and round them; Ctrl-C goes on with what was there."""
-        try:
-            if self.config.archive.final_keep > 0 and self.problem.refines:
-                self.progress.say("Refining the best trees of each size once more ...")
-                self.backend.limit = self.allowance.until(Phase.FINAL_REFINEMENT)
-                self.search.state = state = refine_once_more(self.problem, state)
-            if self.problem.rounds:
-                self.progress.say("Rounding the best trees to few terms and few digits ...")
-                self.backend.limit = self.allowance.until(Phase.ROUNDING)
-                self.search.state = state = round_kept(self.problem, state)
-        except KeyboardInterrupt:
-            self.progress.say(_TESTING)
-        return state
-
-    def _tell_of_limit(self, state: SearchState, limit: str) -> None:
-        self.progress.note(
-            f"ge.{limit} is near: generation {state.generation + 1} was broken off, and nothing of it is kept"
-        )
-        if self.config.refiner.enabled and state.counts.refined == 0:
-            _logger.warning("ge.%s left no room to refine trees.", limit)
-
-    def _last_state(self) -> SearchState:
-        if self.search.state is None:
-            raise ValueError("a search that ended has a state")
-        return together(self.problem, self.search.state)
-
-    def _watch(self, state: SearchState, events: Events) -> bool:
-        if events.begins_anew:
-            self.progress.say(
-                "Beginning anew with another population; the best trees so far are set aside ..."
-            )
-        self.refine_seconds += events.refine_seconds
-        self.polish_seconds += events.polish_seconds
-        for refinement in refinement_records(state, events):
-            self.refinements.write(refinement)
-            self.improved += refinement.outcome == IMPROVED
-            self.progress.show_refinement(refinement)
-        elapsed = time.perf_counter() - self.started
-        record = generation_record(state, events, self.backend.steps.total(), elapsed)
-        self.history.write(record)
-        kept = best_by_nodes(state.archive)
-        self.tracker.generation(record, kept)
-        after = after_search(self.problem, state, self.refine_seconds, self.polish_seconds)
-        self.progress.show(record, kept, after)
-        return self.observer(record, state, self.names)
-
-    def _save_what_there_is(self) -> str:
-        """Save the best tree so far and the kept ones, and return what to say of them."""
-        state = None if self.search.state is None else self._last_state()
-        return save_what_there_is(self.problem, self.names, self.folder, state)
-
-    def _summary(self, verdict: Verdict, stopped_by: str, evolve_seconds: float) -> Summary:
-        spent = {
-            "evolve_seconds": evolve_seconds,
-            "refine_seconds": self.refine_seconds,
-            "polish_seconds": self.polish_seconds,
-            "wall_seconds": time.perf_counter() - self.started,
-        }
-        return summary_of(self.problem, self._last_state(), verdict, stopped_by, self.warnings, spent)
+        return Run(planned, backend, kept, console, observer, started).to_the_end()

@@ -32,11 +32,14 @@ class Search:
         problem: What is searched.
         watch: Is shown every state with what happened in its generation, and may stop the search.
         state: The last state; None before the first generation.
+        asked: Digests of trees that validation was asked of, whether they solve the task: each is asked once.
     """
 
     problem: Problem
     watch: Watch
     state: SearchState | None = None
+    asked: frozenset[bytes] = frozenset()
+    _is_called_off: bool = False
 
     def run(self) -> str:
         """Go from generation to generation until something stops it; return what did.
@@ -45,20 +48,10 @@ class Search:
             KeyboardInterrupt: It came before the first generation was there.
             LimitReachedError: The limit was reached before it was.
         """
-        asked: set[bytes] = set()
         try:
-            while True:
-                if self.state is None:
-                    state, events = first_state(self.problem)
-                else:
-                    state, events = step(self.problem, self.state)
-                self.state = state
-                if self.watch(state, events):
-                    return CALLBACK
-                if state.generation + 1 >= self.problem.config.ge.generations:
-                    return "generations"
-                if self.problem.config.ge.stop_when_solved and _is_solved(self.problem, state, asked):
-                    return "solved"
+            state = self._shown(first_state(self.problem)) if self.state is None else self.state
+            while (reason := self._reason_to_stop(state)) is None:
+                state = self._shown(step(self.problem, state))
         except KeyboardInterrupt:
             if self.state is None:
                 raise
@@ -67,19 +60,32 @@ class Search:
             if self.state is None:
                 raise
             return limit.reason
+        return reason
 
+    def _shown(self, came: tuple[SearchState, Events]) -> SearchState:
+        self.state, events = came
+        self._is_called_off = self.watch(self.state, events)
+        return self.state
 
-def _is_solved(problem: Problem, state: SearchState, asked: set[bytes]) -> bool:
-    """Tell whether a tree that solves the task on training episodes does so on validation's; each is asked once."""
-    spec = problem.backend.spec
-    leading: list[DecisionTree] = []
-    if spec.is_solved(float(state.population.fitness.max())):
-        leading.append(state.population.forest.tree(state.population.best))
-    if state.best_refined is not None and spec.is_solved(state.best_refined.fitness):
-        leading.append(state.best_refined.tree)
-    new = [tree for tree in leading if digest(tree) not in asked]
-    asked.update(digest(tree) for tree in new)
-    if not new:
-        return False
-    fitness = measure(problem.backend, Forest.stack(new), validation_seeds(problem.config), SOLVING)
-    return any(spec.is_solved(float(value)) for value in fitness)
+    def _reason_to_stop(self, state: SearchState) -> str | None:
+        ge = self.problem.config.ge
+        if self._is_called_off:
+            return CALLBACK
+        if state.generation + 1 >= ge.generations:
+            return "generations"
+        return "solved" if ge.stop_when_solved and self._is_solved(state) else None
+
+    def _is_solved(self, state: SearchState) -> bool:
+        """Tell whether a tree that solves the task on training episodes does so on validation's."""
+        problem, spec = self.problem, self.problem.backend.spec
+        leading: list[DecisionTree] = []
+        if spec.is_solved(float(state.population.fitness.max())):
+            leading.append(state.population.forest.tree(state.population.best))
+        if state.best_refined is not None and spec.is_solved(state.best_refined.fitness):
+            leading.append(state.best_refined.tree)
+        new = [tree for tree in leading if digest(tree) not in self.asked]
+        self.asked |= {digest(tree) for tree in new}
+        if not new:
+            return False
+        fitness = measure(problem.backend, Forest.stack(new), validation_seeds(problem.config), SOLVING)
+        return any(spec.is_solved(float(value)) for value in fitness)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from dataclasses import replace
 
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from records_for_tests import generation, history, kept, refinement, skipped, summary
 from sweeps_for_tests import FULL, PRUNED, chain, config, controller
 
-from ge_torchrl.artefacts import folder as folder_module
+from ge_torchrl.artefacts import texts
 from ge_torchrl.artefacts.folder import RunFolder, find_runs
 from ge_torchrl.artefacts.lines import RecordWriter, read_records, to_json
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord
@@ -24,7 +25,9 @@ ARCHIVE = [(kept(size, 100.0 * size), controller(chain(size))) for size in (0, 1
 
 @pytest.fixture
 def folder(tmp_path):
-    return RunFolder.create(tmp_path / "deep" / "run", config("GE+PPO+polish", seed=3))
+    made = RunFolder.create(tmp_path / "deep" / "run", config("GE+PPO+polish", seed=3))
+    made.release()
+    return made
 
 
 def write_lines(writer, records):
@@ -100,11 +103,11 @@ class TestWritingAgain:
     def test_an_end_in_the_middle_leaves_the_former_tree(self, folder, monkeypatch):
         folder.write_trees(controller(PRUNED), controller(FULL), "a\n")
 
-        def half(path, _):
-            path.write_text("{")
+        def half(descriptor, content):
+            os.write(descriptor, content[:1])
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(folder_module, "write_controller", half)
+        monkeypatch.setattr(texts, "put", half)
         with pytest.raises(KeyboardInterrupt):
             folder.write_trees(controller(FULL), controller(FULL), "b\n")
         assert folder.read_best_tree().tree == PRUNED

@@ -22,6 +22,7 @@ LINES = {
     "init": ["CartPole-v1"],
     "play": ["tree.json", "--steps", "2", "--out", "episode.gif"],
     "report": ["runs"],
+    "resume": ["runs/0"],
 }
 
 

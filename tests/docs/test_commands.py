@@ -109,6 +109,7 @@ def test_a_verb_that_is_printed_takes_its_arguments(arguments, experiment, monke
         (surveying, "survey"),
         (controllers, "named_controller"),
         (starting_file, "write_starting_file"),
+        (experiment, "resume"),
     ):
         monkeypatch.setattr(room, name, stop)
     status = command_line.main(arguments)

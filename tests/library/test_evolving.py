@@ -3,7 +3,7 @@ from runs_for_tests import assert_same_bytes
 
 import ge_torchrl as ge
 from ge_torchrl.__main__ import main
-from ge_torchrl.run import experiment
+from ge_torchrl.run import experiment, running
 
 
 def test_a_call_and_the_command_line_give_the_same_bytes(tmp_path, small):
@@ -79,7 +79,7 @@ class TestInterrupt:
         def impatient(*_):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(experiment, "choose", impatient)
+        monkeypatch.setattr(running, "choose", impatient)
         with pytest.raises(KeyboardInterrupt):
             ge.evolve("cartpole", refiner="none", settings=small)
 

@@ -10,20 +10,20 @@ from runs_for_tests import assert_untested, config, run
 from ge_torchrl import interrupts
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.errors import EnvironmentFaultError, GrammarError, RunFaultError
-from ge_torchrl.run import experiment
+from ge_torchrl.run import experiment, running
 
 
 class TestInterrupt:
     @staticmethod
     def interrupt_in(monkeypatch, generation):
-        original = experiment.Progress.show
+        original = running.Progress.show
 
         def interrupted(self, record, *more):
             original(self, record, *more)
             if record.generation == generation:
                 raise KeyboardInterrupt
 
-        monkeypatch.setattr(experiment.Progress, "show", interrupted)
+        monkeypatch.setattr(running.Progress, "show", interrupted)
 
     def test_it_keeps_and_tests_what_was_found(self, tmp_path, monkeypatch):
         self.interrupt_in(monkeypatch, 4)
@@ -37,7 +37,7 @@ class TestInterrupt:
         def impatient(*_):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(experiment, "choose", impatient)
+        monkeypatch.setattr(running, "choose", impatient)
         with pytest.raises(KeyboardInterrupt):
             run(config(), tmp_path / "run")
         assert_untested(RunFolder(tmp_path / "run"))
@@ -63,7 +63,7 @@ class TestInterrupt:
         def impatient(*_):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(experiment, "refine_once_more", impatient)
+        monkeypatch.setattr(running, "refine_once_more", impatient)
         settings = config(
             ge={"generations": 2}, polish={"every": 1, "max_timesteps": 5000}, archive={"final_keep": 1}
         )
@@ -72,7 +72,7 @@ class TestInterrupt:
         assert "Ctrl-C again leaves it untested" in output
 
     def test_where_the_main_thread_does_not_hear_of_it_there_are_last_words(self, tmp_path, monkeypatch):
-        original, said = experiment.Progress.show, []
+        original, said = running.Progress.show, []
 
         def asked(self, record, *more):
             original(self, record, *more)
@@ -80,16 +80,19 @@ class TestInterrupt:
                 said.append(interrupts._saved())
                 assert_untested(RunFolder(tmp_path / "run"))
 
-        monkeypatch.setattr(experiment.Progress, "show", asked)
+        monkeypatch.setattr(running.Progress, "show", asked)
         run(config(ge={"generations": 5}), tmp_path / "run")
-        assert said == [f"the best tree so far is in {tmp_path / 'run'}, untested"]
+        run_folder = tmp_path / "run"
+        assert said == [
+            f"the best tree so far is in {run_folder}, untested; ge-torchrl resume {run_folder} goes on"
+        ]
         assert interrupts._saved() == "nothing was saved"
 
     def test_before_the_first_generation_there_is_nothing_to_keep(self, tmp_path, monkeypatch):
         def impatient(*_):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(experiment.Search, "run", impatient)
+        monkeypatch.setattr(running.Search, "run", impatient)
         with pytest.raises(KeyboardInterrupt):
             run(config(), tmp_path / "run")
         assert {path.name for path in (tmp_path / "run").iterdir()} == {"config.yaml", "history.jsonl"}
@@ -98,14 +101,14 @@ class TestInterrupt:
 class TestFault:
     @staticmethod
     def break_in(monkeypatch, generation, fault):
-        original = experiment.Progress.show
+        original = running.Progress.show
 
         def breaking(self, record, *more):
             original(self, record, *more)
             if record.generation == generation:
                 raise fault
 
-        monkeypatch.setattr(experiment.Progress, "show", breaking)
+        monkeypatch.setattr(running.Progress, "show", breaking)
 
     def test_a_fault_of_the_environment_keeps_the_best_tree_and_the_archive(self, tmp_path, monkeypatch):
         self.break_in(monkeypatch, 3, EnvironmentFaultError("CartPole-v1 raised OSError(),\nand what not"))
@@ -113,7 +116,8 @@ class TestFault:
             run(config(), tmp_path / "run")
         text = str(raised.value)
         assert re.fullmatch(
-            r"CartPole-v1 raised OSError\(\), and what not; the best tree so far is in .*run, untested", text
+            r"CartPole-v1 raised OSError\(\), and what not; the best tree so far is in .*run, untested; .*",
+            text,
         )
         assert len(RunFolder(tmp_path / "run").read_history()) == 4
         assert_untested(RunFolder(tmp_path / "run"))
@@ -126,7 +130,8 @@ class TestFault:
         text = str(raised.value)
         assert "\n" not in text
         assert re.search(
-            rf"broke off \({type(fault).__name__}: ?.*\); the best tree .* untested; details are in .*", text
+            rf"broke off \({type(fault).__name__}: ?.*\); the best tree .* untested; .*; details are in .*",
+            text,
         )
         trace = tmp_path / "run" / "traceback.txt"
         assert str(trace) in text
@@ -138,7 +143,7 @@ class TestFault:
         def broken(*_):
             raise RuntimeError(phase)
 
-        monkeypatch.setattr(experiment, phase, broken)
+        monkeypatch.setattr(running, phase, broken)
         settings = config(
             ge={"generations": 3}, polish={"every": 1, "max_timesteps": 2000}, archive={"final_keep": 1}
         )
@@ -150,7 +155,7 @@ class TestFault:
         def broken(*_):
             raise RuntimeError("early")
 
-        monkeypatch.setattr(experiment.Search, "run", broken)
+        monkeypatch.setattr(running.Search, "run", broken)
         with pytest.raises(RunFaultError, match="no tree was there yet"):
             run(config(), tmp_path / "run")
 

@@ -6,7 +6,7 @@ from runs_for_tests import assert_same_bytes, config, run
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.environments.ledger import Limit
 from ge_torchrl.report.evaluation import evaluate
-from ge_torchrl.run import experiment
+from ge_torchrl.run import running
 from ge_torchrl.search.rounding import round_kept
 
 LITTLE_PPO = {"max_timesteps": 400, "update_timesteps": 200, "epochs": 2, "snapshot_episodes": 5}
@@ -67,7 +67,7 @@ def test_rounding_that_had_no_room_is_told(tmp_path, monkeypatch):
         problem.backend.limit = Limit(max_env_steps=1)
         return round_kept(problem, state)
 
-    monkeypatch.setattr(experiment, "round_kept", all_that_is_left)
+    monkeypatch.setattr(running, "round_kept", all_that_is_left)
     summary, shown = run(
         small(grammar={"splits": "oblique"}, ge={"max_env_steps": 2_000_000}), tmp_path / "run"
     )
@@ -79,7 +79,7 @@ def test_ctrl_c_in_the_last_refinement_rounds_nothing(tmp_path, monkeypatch):
     def impatient(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(experiment, "refine_once_more", impatient)
+    monkeypatch.setattr(running, "refine_once_more", impatient)
     summary, shown = run(small(grammar={"splits": "oblique"}), tmp_path / "run")
     assert "rounding" not in summary.steps
     assert "Rounding" not in shown

@@ -25,6 +25,9 @@ class FakeExperiment(types.ModuleType):
             stopped_by="interrupt" if config.seed in self.interrupted else "generations"
         )
 
+    def resume(self, _path, _console):
+        return None
+
     def plan(self, config):
         if config.env.id.startswith("Missing"):
             raise EnvironmentFaultError(f"env.id must be an installed one; got {config.env.id}")

@@ -98,4 +98,5 @@ def write_run(
             [(record, controller(chain(record.decision_nodes), names)) for record in archive]
         )
     folder.write_summary(found)
+    folder.release()
     return path
