@@ -18,8 +18,9 @@ help: ## List the targets (this text)
 run: $(VENV)/.installed ## Evolve a controller; choose with ENV=mountaincar and ARGS="seed=3 ge.generations=50"
 	@$(BIN)/python -m ge_torchrl env=$(ENV) $(ARGS)
 
+# Each worker begins with a half of its own, so that few kernels are compiled by both.
 test: lint chromium ## Check style, types, imports and behaviour: all that CI checks
-	@$(BIN)/pytest -n auto
+	@$(BIN)/pytest -n auto --dist worksteal
 
 # Tests open pages in a real browser, and skip that where there is none. Only root of a Debian can be given one by itself.
 chromium:
@@ -39,7 +40,7 @@ test-processors: $(VENV)/.installed-dev ## Run the tests as on other processors:
 		"OMP_NUM_THREADS=1 MKL_NUM_THREADS=1" \
 		"OMP_NUM_THREADS=2 MKL_NUM_THREADS=2" \
 		"ATEN_CPU_CAPABILITY=default NUMBA_CPU_NAME=generic OMP_NUM_THREADS=1"; \
-	do echo "$$setting"; env $$setting $(BIN)/pytest -n auto || failed="$$failed  $$setting\n"; done; \
+	do echo "$$setting"; env $$setting $(BIN)/pytest -n auto --dist worksteal || failed="$$failed  $$setting\n"; done; \
 	if [ -n "$$failed" ]; then printf "Tests failed with\n$$failed" >&2; exit 1; fi
 
 lint: $(VENV)/.installed-dev ## Check style, types and the direction of imports
