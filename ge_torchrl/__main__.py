@@ -47,7 +47,7 @@ from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR, JobFailedError
-from ge_torchrl.cli.sweeps import write_page_of_sweep
+from ge_torchrl.cli.sweeps import page_of_sweep
 from ge_torchrl.cli.waiting import looked_at
 from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unreadable
 from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             verb = verb_of(arguments, _composed)
             status = verb(arguments[1:]) if verb else _run(arguments)
         sys.stdout.flush()
-    except UserError as error:
+    except (UserError, RunFaultError) as error:
         return tell(error)
     except KeyboardInterrupt as pressed:
         ignore_interrupts()
@@ -118,7 +118,12 @@ def _run(arguments: list[str]) -> int:
         # A value that follows from others is shown as what it is, not as how it follows.
         arguments = ["--resolve", *arguments]
     launch = hydra.main(version_base=_VERSION_BASE, config_path=str(CONF), config_name="config")(job)
-    with seen_by_others(arguments, _FULL_ERROR), _in_our_words(), folder_told(_FOLDERS[options.multirun]):
+    with (
+        page_of_sweep(),
+        seen_by_others(arguments, _FULL_ERROR),
+        _in_our_words(),
+        folder_told(_FOLDERS[options.multirun]),
+    ):
         try:
             launch()
         except JobFailedError as failed:
@@ -127,7 +132,6 @@ def _run(arguments: list[str]) -> int:
             # Hydra leaves so after --help and the like, and after messages of its own.
             if leaving.code != OUTPUT_CLOSED:
                 statuses.append(USER_ERROR if leaving.code else OK)
-    write_page_of_sweep()
     return FAULT if FAULT in statuses else max(statuses, default=OK)
 
 

@@ -4,10 +4,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from ge_torchrl.cli.output import tell
 from ge_torchrl.cli.parser import Parser, add_controller
 from ge_torchrl.cli.statuses import OK
-from ge_torchrl.errors import RunFaultError, UserError
+from ge_torchrl.errors import UserError
 
 TO = ("python", "c", "onnx", "sklearn", "json", "dot", "mermaid", "svg", "text", "latex", "st")
 """The formats, in the order of `exports.formats`, which is not loaded to complete a word."""
@@ -42,10 +41,7 @@ def export(arguments: list[str]) -> int:
     if options.out is None and not FORMATS[options.to].is_text:
         raise UserError(f"--to {options.to} is no text for a terminal, so expected --out FILE")
     controller = named_controller(options.path, options.nodes)
-    try:
-        content = exported(controller, options.to, options.name, verify=not options.unverified)
-    except RunFaultError as error:
-        return tell(error)
+    content = exported(controller, options.to, options.name, verify=not options.unverified)
     if options.out is None:
         _show(content, is_drawing=options.to == "text")
         return OK

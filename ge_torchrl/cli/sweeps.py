@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,18 +32,41 @@ def _nothing(**_: object) -> None:
     pass
 
 
-def write_page_of_sweep() -> None:
-    """Write the page of the sweep that began last; what fails is told in one line, and fails nothing."""
-    while _folders:
-        folder = _folders.pop()
-        try:
-            from ge_torchrl.artefacts.folder import find_runs
+@contextmanager
+def page_of_sweep() -> Iterator[None]:
+    """Write the page of the sweep that runs meanwhile; where that ends too early, of the runs that finished.
 
-            if next(find_runs(folder), None) is None:
-                continue  # What became of the jobs is told already.
-            from ge_torchrl.report.html.writing import write_sweep_page
-            from ge_torchrl.report.runs import read_runs
+    What fails is told in one line, and fails nothing. Ctrl-C leaves the page unwritten.
+    """
+    try:
+        yield
+    except KeyboardInterrupt as pressed:
+        if _write("interrupted; the runs that finished, side by side"):
+            raise KeyboardInterrupt("it is told") from pressed
+        raise
+    except BaseException:
+        _write("the runs that finished, side by side")
+        raise
+    _write("the runs side by side")
 
-            print(f"\nthe runs side by side: {write_sweep_page(folder, read_runs(folder))}")
-        except Exception as error:  # noqa: BLE001 - the runs are complete without it.
-            print(f"ge-torchrl: no page of the sweep: {' '.join(str(error).split())}", file=sys.stderr)
+
+def _write(told: str) -> bool:
+    """Write the page, if there is a sweep with a finished run, and tell of it; return whether something was told."""
+    if not _folders:
+        return False
+    folder = _folders.pop()
+    try:
+        from ge_torchrl.artefacts.folder import find_runs
+
+        if next(find_runs(folder), None) is None:
+            return False  # What became of the jobs is told already.
+        from ge_torchrl.report.html.writing import write_sweep_page
+        from ge_torchrl.report.runs import read_runs
+
+        print(f"\n{told}: {write_sweep_page(folder, read_runs(folder))}")
+    except KeyboardInterrupt:
+        print("ge-torchrl: interrupted; no page of the sweep", file=sys.stderr)
+        raise KeyboardInterrupt("it is told") from None
+    except Exception as error:  # noqa: BLE001 - the runs are complete without it.
+        print(f"ge-torchrl: no page of the sweep: {' '.join(str(error).split())}", file=sys.stderr)
+    return True

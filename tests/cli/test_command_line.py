@@ -73,6 +73,19 @@ def test_run_that_broke_off_is_one_line_and_a_fault(experiment, capsys):
     assert capsys.readouterr().err == f"ge-torchrl: {experiment.failures[0]}\n"
 
 
+@pytest.mark.parametrize(
+    ("verb", "broken"),
+    [("evaluate", "evaluate"), ("evaluate", "is_above_runs"), ("resume", "resume")],
+)
+def test_a_fault_of_any_verb_is_one_line(experiment, monkeypatch, capsys, verb, broken):
+    def breaking(*_):
+        raise RunFaultError("the run broke off (ZeroDivisionError: a bug)")
+
+    monkeypatch.setattr(experiment, broken, breaking)
+    assert main([verb, "tree.json"]) == 1
+    assert capsys.readouterr() == ("", "ge-torchrl: the run broke off (ZeroDivisionError: a bug)\n")
+
+
 def test_fault_of_the_program_shows_its_traceback_without_hydras_frames(experiment, capsys):
     experiment.failures[0] = ZeroDivisionError("a bug")
     assert main([]) == 1

@@ -1,5 +1,6 @@
 """The end of a sweep: its page stands beside its runs, and never changes how the sweep ends."""
 
+import pytest
 from sweeps_for_tests import write_run
 
 from ge_torchrl.__main__ import main
@@ -33,6 +34,42 @@ def test_a_job_that_fails_is_named_there(experiment, monkeypatch, tmp_path):
     assert "2 finished runs" in page
     assert "1 job not finished" in page
     assert "1_seed=1</td><td>missing</td>" in page
+
+
+@pytest.mark.parametrize("within_a_run", [True, False])
+def test_ctrl_c_leaves_the_page_of_what_is_finished(experiment, monkeypatch, tmp_path, capsys, within_a_run):
+    runs_that_leave_files(experiment, monkeypatch)
+    if within_a_run:
+        experiment.interrupted = {1}  # This run ends well, with what it found.
+    else:
+        experiment.failures[1] = KeyboardInterrupt()
+    assert main(["-m", "seed=0,1,2", "hydra.sweep.dir=there"]) == 130
+    page = (tmp_path / "there" / "report.html").read_text()
+    assert ("2 finished runs" in page) == within_a_run
+    printed = capsys.readouterr()
+    assert printed.out.endswith("interrupted; the runs that finished, side by side: there/report.html\n")
+    assert not printed.err
+
+
+def test_ctrl_c_again_leaves_no_page(experiment, monkeypatch, tmp_path, capsys):
+    runs_that_leave_files(experiment, monkeypatch)
+    experiment.failures[1] = KeyboardInterrupt()
+
+    def pressed_again(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(writing, "sweep_page", pressed_again)
+    assert main(["-m", "seed=0,1,2", "hydra.sweep.dir=there"]) == 130
+    assert not (tmp_path / "there" / "report.html").exists()
+    assert capsys.readouterr() == ("", "ge-torchrl: interrupted; no page of the sweep\n")
+
+
+def test_a_sweep_that_its_launcher_breaks_off_leaves_its_page(experiment, monkeypatch, tmp_path, capsys):
+    runs_that_leave_files(experiment, monkeypatch)
+    experiment.failures[1] = SystemExit(3)
+    assert main(["-m", "seed=0,1,2", "hydra.sweep.dir=there"]) == 2
+    assert "1 finished run" in (tmp_path / "there" / "report.html").read_text()
+    assert "side by side: there/report.html" in capsys.readouterr().out
 
 
 def test_a_single_run_has_no_page_of_a_sweep(experiment, monkeypatch, tmp_path, capsys):
