@@ -1,11 +1,11 @@
-"""The numbers of one controller, made better as a run makes them better."""
+"""The numbers of controllers, made better as a run makes them better."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +27,13 @@ from ge_torchrl.search.fitness import test_seeds, validation_seeds
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.proposals import KEPT, Proposal
 from ge_torchrl.search.refinement import CLEARLY, MEASURING, is_clearly_better, refine_proposals
+from ge_torchrl.search.rounding import rounded
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
 # The one generation that there is: in which both refiner and polish are due.
 _GENERATION = 1
+_ONE_OR_SEVERAL = "a controller, such as ge.load(path) or result.champion gives, or a list of them"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,6 +62,7 @@ class Refinement:
         return f"```text\n{self!r}\n```"
 
 
+@overload
 def refine(
     controller: Controller,
     *,
@@ -67,11 +70,33 @@ def refine(
     refiner: str | None = None,
     polish: str | None = None,
     settings: Mapping[str, Any] | None = None,
-) -> Refinement:
-    """Move the numbers of a controller to where it returns more; its structure stays.
+) -> Refinement: ...
 
-    It is refined as a kept tree is in a run: by PPO, then by the polish where steps of the environment are nearly free,
-    then put on the constants of the environment's grammar where it can say the tree.
+
+@overload
+def refine(
+    controller: Iterable[Controller],
+    *,
+    seed: int = 0,
+    refiner: str | None = None,
+    polish: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> list[Refinement]: ...
+
+
+def refine(
+    controller: Controller | Iterable[Controller],
+    *,
+    seed: int = 0,
+    refiner: str | None = None,
+    polish: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> Refinement | list[Refinement]:
+    """Move the numbers of a controller, or of several at once, to where they return more; structures stay.
+
+    They are refined as kept trees are in a run: by PPO, then by the polish where steps of the environment are nearly
+    free. Then they are put on the constants of the environment's grammar where it can say the tree, and sums are
+    rounded to few terms and few digits.
 
     >>> import ge_torchrl as ge
     >>> start = ge.load("docs/trees/cartpole_two_decisions.json")
@@ -79,48 +104,98 @@ def refine(
     False
 
     Args:
-        controller: What is refined, in the environment that it names.
+        controller: What is refined, in the environment that it names; or several, such as
+            `result.controllers.values()`. PPO trains those of one environment as one batch, in which a tree takes a
+            tenth of the time that it takes alone.
         seed: All randomness follows from it.
         refiner: "ppo" by default, or "cmaes": a local search without gradients, which loads no torch.
         polish: "none" does without the polish that follows PPO.
         settings: Others by their keys, as in `evolve`, such as `{"refiner.ppo.max_timesteps": 100_000}`.
 
+    Returns:
+        What refinement made of it; of several a list in their order.
+
     Raises:
         UserError: A value is not allowed, nothing is to refine, or the environment failed.
     """
-    if not isinstance(controller, Controller):
-        refuse("controller", controller, "a controller, such as ge.load(path) or result.champion gives")
-    config = _config(controller, {"refiner": refiner, "polish": polish}, {"seed": seed, **(settings or {})})
-    spec = environment_of_tree(controller)
+    chosen, others = {"refiner": refiner, "polish": polish}, {"seed": seed, **(settings or {})}
+    if isinstance(controller, Controller):
+        return _refined([controller], chosen, others)[0]
+    if not isinstance(controller, Iterable) or isinstance(controller, str | bytes | Mapping):
+        refuse("controller", controller, _ONE_OR_SEVERAL)
+    controllers = list(controller)
+    for one in controllers:
+        if not isinstance(one, Controller):
+            refuse("controller", one, _ONE_OR_SEVERAL)
+    refinements: dict[int, Refinement] = {}
+    kinds = [(one.names, tuple(_sums_of(one.tree))) for one in controllers]
+    for kind in dict.fromkeys(kinds):
+        places = [place for place, other in enumerate(kinds) if other == kind]
+        batch = _refined([controllers[place] for place in places], chosen, others)
+        refinements.update(zip(places, batch, strict=True))
+    return [refinements[place] for place in range(len(controllers))]
+
+
+def _refined(
+    controllers: Sequence[Controller], chosen: Mapping[str, str | None], settings: Mapping[str, Any]
+) -> list[Refinement]:
+    """Refine controllers of one environment as one batch."""
+    config = _config(controllers[0], chosen, settings)
+    spec = environment_of_tree(controllers[0])
     planned = plan(config)
     with closing(
         open_backend(spec, config.env.route, config.evaluation.threads, config.env.workers)
     ) as backend:
         speed = planned.config.evaluation.steps_per_second or backend.steps_per_second
-        config = with_batches(planned.config.resolved(speed), backend)
+        config = with_batches(
+            planned.config.resolved(speed, has_sums=planned.tables.grammar.has_sums), backend
+        )
         problem = Problem(config, planned.tables, backend, *refiners_of(config, backend), planned.mirror)
         if not problem.refines:
             raise ConfigError(
-                f'refiner must be "ppo" or "cmaes", because the others refine nothing; got {refiner!r}'
+                f'refiner must be "ppo" or "cmaes", because the others refine nothing; got {chosen["refiner"]!r}'
             )
-        proposal = Proposal(controller.tree, KEPT, 0.0)
-        tree = refine_proposals(problem, [proposal], _GENERATION).refinements[0].tree
-        before, after = _returns(problem, controller.tree, tree, validation_seeds(config), MEASURING)
-        improved = is_clearly_better(after, before, CLEARLY)
-        if not improved:
-            tree = controller.tree
-        before, after = _returns(problem, controller.tree, tree, test_seeds(config), TEST)
-    provenance = (
-        {**controller.provenance, "refined_by": config.refiner.method} if improved else controller.provenance
-    )
-    return Refinement(Controller(tree, controller.names, provenance), improved, before, after)
+        trees = [controller.tree for controller in controllers]
+        proposals = [Proposal(tree, KEPT, 0.0) for tree in trees]
+        refinements = refine_proposals(problem, proposals, _GENERATION).refinements
+        refined = [
+            rounded(problem, refinement.tree, []) if refinement.is_changed else refinement.tree
+            for refinement in refinements
+        ]
+        before, after = _returns(problem, trees, refined, validation_seeds(config), MEASURING)
+        improved = [is_clearly_better(*returns, CLEARLY) for returns in zip(after, before, strict=True)]
+        refined = [new if better else old for old, new, better in zip(trees, refined, improved, strict=True)]
+        before, after = _returns(problem, trees, refined, test_seeds(config), TEST)
+    return [
+        Refinement(
+            _improved(controller, tree, config.refiner.method) if better else controller, better, *returns
+        )
+        for controller, tree, better, *returns in zip(
+            controllers, refined, improved, before, after, strict=True
+        )
+    ]
+
+
+def _improved(controller: Controller, tree: DecisionTree, method: str) -> Controller:
+    return Controller(tree, controller.names, {**controller.provenance, "refined_by": method})
 
 
 def _returns(
-    problem: Problem, before: DecisionTree, after: DecisionTree, seeds: NDArray[np.int64], purpose: str
+    problem: Problem,
+    before: Sequence[DecisionTree],
+    after: Sequence[DecisionTree],
+    seeds: NDArray[np.int64],
+    purpose: str,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    returns = problem.backend.evaluate(Forest.stack([before, after]), seeds, purpose).returns
-    return returns[0], returns[1]
+    """Return what trees return before and after, each [R, E]."""
+    returns = problem.backend.evaluate(Forest.stack([*before, *after]), seeds, purpose).returns
+    return returns[: len(before)], returns[len(before) :]
+
+
+def _sums_of(tree: DecisionTree) -> dict[str, str]:
+    """Return the settings of a grammar that can say the sums of a tree: a run with it rounds them."""
+    splits = {} if tree.is_axis_aligned else {"grammar.splits": "oblique"}
+    return splits | ({"grammar.leaves": "linear"} if len(tree.leaf_feature) else {})
 
 
 def _config(controller: Controller, chosen: Mapping[str, str | None], settings: Mapping[str, Any]) -> Config:
@@ -132,6 +207,8 @@ def _config(controller: Controller, chosen: Mapping[str, str | None], settings: 
         "env.max_episode_steps": names.max_episode_steps,
         "refiner.schedule.generations": [_GENERATION],
     }
+    if not any(str(key).startswith("grammar.") for key in settings):
+        own |= _sums_of(controller.tree)
     config = compose(names.id, chosen, {**own, **settings})
     if (config.env.features, config.env.actions) == (names.features, names.actions):
         return config

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from ge_torchrl.environments.backend import LimitReachedError, within
 from ge_torchrl.refiners.local_search import spread_of
 from ge_torchrl.refiners.rounding import Rounding
-from ge_torchrl.search.archive import Contender, Member, digest, offer
+from ge_torchrl.search.archive import Contender, digest, offer
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.state import SearchState
 from ge_torchrl.seeding import episode_seeds, stream
 from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
 
 _logger = logging.getLogger(__name__)
 
@@ -35,34 +36,16 @@ def round_kept(problem: Problem, state: SearchState) -> SearchState:
     The best of each size, the fittest first. Of what a limit leaves each may take a large part, so that there is room
     to measure and keep what came of it.
     """
-    episodes = problem.config.starts.rounding_episodes
     if not problem.rounds:
         return state
     archive = state.archive
     sizes = sorted({member.tree.num_decision_nodes for member in archive.members})
     best = [archive.of_size(size)[0] for size in sizes]
-    best = sorted(filter(_has_sums, best), key=lambda member: -member.archive_fitness)
-    seeds = episode_seeds("training", episodes, stream(problem.config.seed, "rounding"))
-
     # Rounding ends quietly with a limit.
     reached: list[str] = []
-
-    def returns(forest: Forest, some: NDArray[np.int64]) -> NDArray[np.float64]:
-        try:
-            return problem.backend.evaluate(forest, some, ROUNDING).returns
-        except LimitReachedError as limit:
-            reached.append(limit.reason)
-            raise
-
     try:
-        for member in best:
-            rng = stream(problem.config.seed, f"rounding of {digest(member.tree).hex()}")
-            (observed,) = problem.backend.observe([member.tree], _OBSERVED, [rng], ROUNDING)
-            spread = spread_of(observed)
-            if problem.mirror is not None:
-                spread = np.maximum(spread, spread[problem.mirror.feature])
-            with within(problem.backend, _PART):
-                tree = Rounding(member.tree, problem.mirror, spread, seeds, returns).run()
+        for member in sorted(best, key=lambda member: -member.archive_fitness):
+            tree = rounded(problem, member.tree, reached)
             if tree != member.tree:
                 # Validation would choose among kept trees by differences too small to be worth their digits.
                 size = member.tree.num_decision_nodes
@@ -76,5 +59,37 @@ def round_kept(problem: Problem, state: SearchState) -> SearchState:
     return replace(state, archive=archive)
 
 
-def _has_sums(member: Member) -> bool:
-    return not member.tree.is_axis_aligned or len(member.tree.leaf_feature) > 0
+def rounded(problem: Problem, tree: DecisionTree, reached: list[str]) -> DecisionTree:
+    """Return a tree with few terms and few digits; as it is where it has no sums, or where trees are not rounded.
+
+    Args:
+        problem: What is searched.
+        tree: The tree.
+        reached: Takes the limit that ended it too early, if one did.
+
+    Raises:
+        LimitReachedError: A limit left no room to begin.
+    """
+    if not problem.rounds or not _has_sums(tree):
+        return tree
+    seed = problem.config.seed
+    seeds = episode_seeds("training", problem.config.starts.rounding_episodes, stream(seed, "rounding"))
+    rng = stream(seed, f"rounding of {digest(tree).hex()}")
+
+    def returns(forest: Forest, some: NDArray[np.int64]) -> NDArray[np.float64]:
+        try:
+            return problem.backend.evaluate(forest, some, ROUNDING).returns
+        except LimitReachedError as limit:
+            reached.append(limit.reason)
+            raise
+
+    (observed,) = problem.backend.observe([tree], _OBSERVED, [rng], ROUNDING)
+    spread = spread_of(observed)
+    if problem.mirror is not None:
+        spread = np.maximum(spread, spread[problem.mirror.feature])
+    with within(problem.backend, _PART):
+        return Rounding(tree, problem.mirror, spread, seeds, returns).run()
+
+
+def _has_sums(tree: DecisionTree) -> bool:
+    return not tree.is_axis_aligned or len(tree.leaf_feature) > 0
