@@ -10,7 +10,6 @@ if __name__ == "__main__":
     leave_quietly()  # Until main takes over.
 
 import argparse
-import itertools
 import os
 import secrets
 import sys
@@ -37,12 +36,14 @@ from omegaconf.errors import OmegaConfBaseException
 from ge_torchrl.cli import RUN, verb_of
 from ge_torchrl.cli.choices import (
     as_meant,
+    check_file,
     config_from,
     folder_from,
     searched,
     with_environment,
     words_of,
 )
+from ge_torchrl.cli.jobs import jobs_of
 from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
@@ -193,13 +194,14 @@ def _configs(options: argparse.Namespace) -> list[Config]:
         for override in overrides:
             _check_override(override, sweep=sweep)
         config_name = options.config_name or "config"
+        check_file(conf, config_name)
         also_in = searched(options.config_dir, config_name)
 
         def composed(job: Iterable[str]) -> DictConfig:
             return hydra.compose(config_name, overrides=[*job, *also_in])
 
         configs = []
-        for job in _jobs(overrides):
+        for job in jobs_of(overrides):
             values = composed(job)
             _check_experiment(job, composed)
             configs.append(_config_from(values))
@@ -237,17 +239,6 @@ def _check_override(override: Override, *, sweep: bool) -> None:
     # The other keys are Hydra's own, and its choices of files (group=choice, group/sub=choice, group@place=choice).
     if "/" not in key and key.partition(".")[0] not in ("hydra", "experiment"):
         check_key(key)
-
-
-def _jobs(overrides: Sequence[Override]) -> Iterable[tuple[str, ...]]:
-    """Return the overrides of every job: all combinations of the values that are swept over."""
-
-    def values(override: Override) -> list[str]:
-        if not override.is_sweep_override():
-            return [str(override.input_line)]
-        return [f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator()]
-
-    return itertools.product(*map(values, overrides))
 
 
 def _config_from(values: DictConfig) -> Config:
@@ -295,7 +286,7 @@ def _in_our_words() -> Iterator[None]:
         raise unknown_choice(group, choice, error.options or ()) from error
     except OverrideParseException as error:
         raise ConfigError(unreadable(error.override)) from error
-    except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
+    except (HydraException, OmegaConfBaseException, OSError, ValueError, RecursionError) as error:
         raise ConfigError(one_line(error)) from error
 
 

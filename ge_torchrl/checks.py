@@ -13,11 +13,21 @@ from numbers import Integral, Real
 from typing import Any, Literal, NoReturn
 
 from ge_torchrl.errors import ConfigError
+from ge_torchrl.printing import shortened
 
 MOST_EPISODES = 1_000_000
 """No call measures a tree on more: what it returned in each of them is held in memory."""
+MOST = 10**15
+"""No number of a setting is larger, unless its rule says so: it would fit neither into 64 bits nor into a float32."""
+MOST_TREES = 1_000_000
+"""No setting counts more trees: they are held in memory."""
 UNSET = "???"
 """The value of a key that somebody still has to fill in, as OmegaConf and YAML files write it."""
+
+# Longer ones are told by their number of digits, which Python would not even write above some thousand.
+_MOST_SHOWN = 10**30
+# A value as a message shows it.
+_LONGEST = 200
 
 Kind = Literal["integer", "number", "flag", "text", "mapping"]
 
@@ -38,6 +48,8 @@ class Rule:
         because: Why; empty where the range speaks for itself.
         text: What a text is, such as "a Gymnasium id such as CartPole-v1"; of keys with values an example.
         renamed: Former texts and what they are called now.
+        lines: Whether a text may have several lines.
+        largest: The largest number allowed where `at_most` is silent; it is told to whoever exceeds it.
     """
 
     kind: Kind
@@ -51,6 +63,8 @@ class Rule:
     because: str = ""
     text: str = "a text"
     renamed: tuple[tuple[str, str], ...] = ()
+    lines: bool = False
+    largest: int = MOST
 
     @property
     def expected(self) -> str:
@@ -89,14 +103,20 @@ class Rule:
             return isinstance(value, Mapping) and _is_plain(value)
         if self.kind == "text":
             return isinstance(value, str) and value != UNSET and self._accepts_text(value)
-        if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, Real) or self._is_beyond(value):
             return False
         number = float(value)
         if self.kind == "integer" and not (isinstance(value, Integral) or number.is_integer()):
             return False
         return number > self.above and self.at_least <= number <= self.at_most
 
+    def _is_beyond(self, value: Any) -> bool:
+        """Tell whether a number is larger than any that is of use, or is none."""
+        return not -self.largest <= value <= self.largest
+
     def _accepts_text(self, value: str) -> bool:
+        if not (self.lines or value.isprintable()):
+            return False
         if self.choices:
             return value in self.choices
         return bool(value.strip()) or (self.many and not self.distinct)
@@ -145,7 +165,7 @@ def checked(key: str, value: object, rule: Rule) -> Any:
         if not rule.accepts(value):
             refuse(key, value, rule.expected, rule.because, _hint(value, rule))
         return rule.normalised(value)
-    is_list = isinstance(value, Sequence) and not isinstance(value, str)
+    is_list = isinstance(value, Sequence) and not isinstance(value, str | bytes)
     entries: Iterable[object] = value if is_list else ()  # type: ignore[assignment]
     entries = tuple(entries)
     if (
@@ -158,6 +178,10 @@ def checked(key: str, value: object, rule: Rule) -> Any:
 
 
 def _hint(value: object, rule: Rule) -> str:
+    if math.isinf(rule.at_most) and isinstance(value, int | float) and math.inf > abs(value) > rule.largest:
+        return f"it may be at most {rule.largest:.15g}"
+    if isinstance(value, str) and not value.isprintable():
+        return "a text is one line of printable characters"
     if rule.kind == "mapping" and not _is_finite(value):
         return "numbers must be finite"
     successor = dict(rule.renamed).get(value) if isinstance(value, str) else None
@@ -191,4 +215,9 @@ def _as_typed(value: object) -> str:
         return "null"
     if isinstance(value, bool):
         return str(value).lower()
-    return repr(list(value)) if isinstance(value, tuple) else repr(value)
+    if isinstance(value, int) and abs(value) > _MOST_SHOWN:
+        return f"an integer of {math.ceil(value.bit_length() * math.log10(2))} digits"
+    try:
+        return shortened(repr(list(value) if isinstance(value, tuple) else value), _LONGEST)
+    except (ValueError, RecursionError):  # An integer of thousands of digits within, or too deep.
+        return f"a {type(value).__name__}"

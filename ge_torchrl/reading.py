@@ -104,12 +104,24 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return content
 
 
-def yaml_of(text: str, loader: type[yaml.SafeLoader] = yaml.SafeLoader) -> Any:
+class YAMLLoader(yaml.SafeLoader):
+    """Makes plain values, and refuses a key that stands twice in one mapping, as Hydra does."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return the mapping of a node."""
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        if len(set(keys)) < len(keys):
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise ValueError(f"{shortened(str(twice))!r} stands {keys.count(twice)} times in one mapping")
+        return super().construct_mapping(node, deep=deep)
+
+
+def yaml_of(text: str, loader: type[yaml.SafeLoader] = YAMLLoader) -> Any:
     """Return what a text in YAML says: plain values, by a loader that makes no others.
 
     Raises:
-        ValueError: It is no YAML, nests too deep, has too many digits, or so many repetitions of its parts that it
-            takes all memory; the message is one line.
+        ValueError: It is no YAML, holds a key twice, nests too deep, has too many digits, or repeats its parts so often
+            that they take all memory; the message is one line.
     """
     try:
         values = yaml.load(text, loader)  # noqa: S506 (a safe loader)

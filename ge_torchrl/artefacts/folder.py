@@ -66,6 +66,10 @@ class RunFolder(Journal):
         path: The folder; `create` makes it.
     """
 
+    WRITTEN = (
+        *Journal.WRITTEN, BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT, ARCHIVE, ARCHIVE_TREES, EPISODES, PAGE,
+    )  # fmt: skip
+
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._written: dict[Path, str] = {}

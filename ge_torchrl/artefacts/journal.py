@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Self
+from typing import ClassVar, Self
 
 from ge_torchrl.artefacts.blocks import as_yaml
 from ge_torchrl.artefacts.checkpoints import (
+    CHECKPOINTS,
     Checkpoint,
     config_of_checkpoints,
     has_checkpoints,
@@ -19,6 +20,7 @@ from ge_torchrl.artefacts.checkpoints import (
 from ge_torchrl.artefacts.lines import Mark, RecordWriter
 from ge_torchrl.artefacts.locks import Lock
 from ge_torchrl.artefacts.texts import read_text, told_of, write_text
+from ge_torchrl.artefacts.vacancy import check_vacant
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.trees.controller import Names
@@ -32,7 +34,12 @@ class Journal:
 
     Args:
         path: The folder; `create` makes it.
+
+    Attributes:
+        WRITTEN: Names of what a run writes there.
     """
+
+    WRITTEN: ClassVar[tuple[str, ...]] = (SUMMARY, HISTORY, CONFIG, REFINEMENTS, CHECKPOINTS)
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -46,17 +53,14 @@ class Journal:
         """Make the folder and write the configuration into it; `release` lets other processes write there again.
 
         Args:
-            path: The folder; it may exist, but must hold no run.
+            path: The folder; it may exist, but must hold nothing that has the name of a file of a run.
             config: The run's configuration.
             key: What the user calls the folder.
 
         Raises:
             ArtefactError: The folder holds a run already, or cannot be written.
         """
-        if (path / SUMMARY).exists() or (path / HISTORY).exists():
-            raise ArtefactError(
-                f"{key} must be a folder without a run, so that nothing is lost; {path} holds one already"
-            )
+        check_vacant(path, cls.WRITTEN, CONFIG, key)
         folder = cls(path)
         try:
             with told_of(path):

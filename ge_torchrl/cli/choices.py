@@ -5,8 +5,16 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from ge_torchrl.config import Config
-from ge_torchrl.config.files import CONF, NO_ENVIRONMENT, check_sections, default_choices, read_choice
+from ge_torchrl.config.files import (
+    CONF,
+    NO_ENVIRONMENT,
+    check_sections,
+    default_choices,
+    read_choice,
+    read_settings,
+)
 from ge_torchrl.errors import ConfigError
+from ge_torchrl.reading import is_there
 
 # From which Hydra takes a --config-path.
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -17,6 +25,22 @@ _EMPTY_MIRROR = re.compile(r"\+{0,2}env\.symmetry=\s*\{\s*\}\s*")
 def folder_from(config_path: str | None) -> Path:
     """Return the folder that --config-path names, as Hydra finds it: from the package's; conf/ where none is named."""
     return _PACKAGE / (config_path or CONF)
+
+
+def check_file(folder: Path, config_name: str) -> None:
+    """Refuse a file that a configuration begins with if no reader should be given it: a pipe, gigabytes, no YAML.
+
+    Args:
+        folder: Where it lies; what is not there is told by Hydra.
+        config_name: Its name, with or without .yaml.
+
+    Raises:
+        ConfigError: It is one.
+    """
+    path = folder / config_name
+    path = path if path.suffix in (".yaml", ".yml") else path.with_name(f"{path.name}.yaml")
+    if is_there(path):
+        read_settings(path, "")
 
 
 def as_meant(words: Sequence[str]) -> list[str]:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from ge_torchrl.checks import MOST_TREES
 from ge_torchrl.config.setting import Section, episode_count, setting
 
 
@@ -17,6 +18,7 @@ class ArchiveConfig(Section):
 
     keep: int = setting(
         8,
+        largest=MOST_TREES,
         at_least=0,
         because="it counts trees; 0 keeps no archive",
         dear=3,
@@ -34,6 +36,7 @@ class ArchiveConfig(Section):
     )
     neighbours: int = setting(
         26,
+        largest=MOST_TREES,
         at_least=0,
         because="it counts trees",
         dear=0,
@@ -41,6 +44,7 @@ class ArchiveConfig(Section):
     )
     neighbours_drawn: int = setting(
         500,
+        largest=MOST_TREES,
         at_least=1,
         because="neighbours are chosen among those drawn",
         dear=40,
@@ -57,12 +61,14 @@ class ArchiveConfig(Section):
     )
     raced: int = setting(
         24,
+        largest=MOST_TREES,
         at_least=1,
         because="somebody has to run",
         doc="Neighbours in a race.",
     )
     short_list: int = setting(
         0,
+        largest=MOST_TREES,
         at_least=0,
         because="it counts trees; 0 makes no short list",
         doc="Neighbours, and crossings of two kept trees, that get a short polish first; those that come nearest to "
@@ -78,6 +84,7 @@ class ArchiveConfig(Section):
     )
     migrants: int = setting(
         20,
+        largest=MOST_TREES,
         at_least=0,
         because="it counts individuals",
         dear=10,
@@ -85,6 +92,7 @@ class ArchiveConfig(Section):
     )
     final_keep: int = setting(
         8,
+        largest=MOST_TREES,
         at_least=0,
         because="it counts trees",
         dear=0,

@@ -7,10 +7,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ge_torchrl.config.keys import check_choice
-from ge_torchrl.errors import ConfigError
+from ge_torchrl.errors import ArtefactError, ConfigError
+from ge_torchrl.reading import MOST_SETTINGS_BYTES, YAMLLoader, name_of, read_text, yaml_of
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 CONF = next(path for path in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if path.is_dir())
@@ -24,7 +23,7 @@ _THESIS = ("CartPole-v1", "Acrobot-v1", "MountainCar-v0")
 _GLOBAL = re.compile(r"^# @package _global_\s*$", re.MULTILINE)
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(YAMLLoader):
     """Reads 1e-3 as the number that it is, as the command line does."""
 
 
@@ -72,12 +71,10 @@ def read_settings(path: Path, group: str) -> dict[str, Any]:
         ConfigError: It cannot be read, or does not hold keys with values.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        values = yaml.load(text, _Loader) or {}  # noqa: S506 (a safe loader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(
-            f"{path} must be a file of settings in YAML; {' '.join(str(error).split())}"
-        ) from error
+        text = read_text(path, MOST_SETTINGS_BYTES)
+        values = yaml_of(text, _Loader) or {}
+    except (ArtefactError, ValueError) as error:
+        raise ConfigError(f"{name_of(path)} must be a file of settings in YAML; {error}") from error
     if not isinstance(values, Mapping):
         raise ConfigError(f"{path} must hold keys with values; got {type(values).__name__}")
     named = {str(key): value for key, value in values.items()}

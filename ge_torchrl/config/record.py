@@ -47,6 +47,7 @@ class Config(Section):
         0,
         at_least=0,
         because="seeds of random numbers are not negative",
+        largest=2**64 - 1,
         doc="The one seed from which all randomness of the run follows.",
     )
     logger: str = setting(

@@ -1,9 +1,15 @@
 """The settings of refinement: when and which trees, PPO, and the polish."""
 
+import operator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from ge_torchrl.checks import MOST_TREES
 from ge_torchrl.config.setting import Section, episode_count, probability, setting
+
+# Trees that are trained as one batch where nobody says otherwise, what a sample and a weight of theirs take at least,
+# and what all of them may take [bytes].
+_TREES_TOGETHER, _SAMPLE_BYTES, _WEIGHT_BYTES, _MOST_BYTES = 32, 64, 16, 8 << 30
 
 
 @dataclass(frozen=True)
@@ -97,6 +103,7 @@ class PPOConfig(Section):
     )
     trees_together: int | None = setting(
         None,
+        largest=MOST_TREES,
         at_least=1,
         because="a batch has a tree",
         doc="Trees that are trained as one batch; null: 32, and fewer where copies of the environment are large. It "
@@ -126,6 +133,28 @@ class PPOConfig(Section):
                 "false where refiner.ppo.max_timesteps is less than two of refiner.ppo.update_timesteps",
                 "the first batch of samples only measures the spreads",
                 "false",
+            )
+        self._check_memory()
+
+    def _check_memory(self) -> None:
+        """Refuse batches of samples and networks that fit into no memory."""
+        together = self.trees_together or _TREES_TOGETHER
+        at_most = _MOST_BYTES // (together * _SAMPLE_BYTES)
+        if self.update_timesteps > at_most:
+            self.refuse(
+                "update_timesteps",
+                f"at most {at_most} where {together} trees are trained together",
+                f"a sample takes {_SAMPLE_BYTES} bytes and more, and {_MOST_BYTES >> 30} GiB are allowed",
+                max(2, at_most),
+            )
+        widths = (1, *self.critic_hidden, 1)
+        n_bytes = together * _WEIGHT_BYTES * sum(map(operator.mul, widths, widths[1:]))
+        if n_bytes > _MOST_BYTES:
+            self.refuse(
+                "critic_hidden",
+                f"networks that take at most {_MOST_BYTES >> 30} GiB where {together} trees are trained together",
+                f"a weight takes {_WEIGHT_BYTES} bytes with what its optimiser keeps, so these take "
+                f"{n_bytes >> 30} GiB",
             )
 
 
@@ -198,6 +227,7 @@ class RefinerConfig(Section):
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     candidates: int = setting(
         1,
+        largest=MOST_TREES,
         at_least=1,
         because="a scheduled generation refines at least one tree",
         dear=2,

@@ -9,6 +9,8 @@ from ge_torchrl.config.setting import Section, episode_count, mapping, probabili
 
 _POPULATION_SIZE = 200
 _MOST_CODONS = (8 << 30) // 4
+# Of one genotype, again and again.
+_MOST_READINGS = 10_000_000
 # Threads and processes: as many as the largest machines have cores.
 _MOST_THREADS = 1024
 
@@ -112,6 +114,7 @@ class GrammarConfig(Section):
         doc="Its rules in Backus-Naur form; null makes them for the environment, from what its features are in play. "
         "The run's `config.yaml` holds what was made.",
         text="rules in Backus-Naur form",
+        lines=True,
     )
     splits: str | None = setting(
         None,
@@ -149,7 +152,11 @@ class GEConfig(Section):
         doc="Generations, the random first one, number 0, included.",
     )
     genotype_length: int = setting(
-        256, at_least=1, because="a tree is read from codons", doc="Codons in a genotype, `K`; fixed."
+        256,
+        at_least=1,
+        because="a tree is read from codons",
+        largest=_MOST_READINGS,
+        doc="Codons in a genotype, `K`; fixed.",
     )
     gene_probability: float = probability(
         0.05, doc="Probability that mutation redraws a codon of an individual that is mutated."
@@ -217,6 +224,14 @@ class GEConfig(Section):
                 f"at most ge.population_size, {population_size}",
                 "a tournament draws from the population",
                 population_size,
+            )
+        if self.wraps > 0 and (self.wraps + 1) * self.genotype_length > _MOST_READINGS:
+            self.refuse(
+                "wraps",
+                f"at most {max(0, _MOST_READINGS // self.genotype_length - 1)} with "
+                f"ge.genotype_length={self.genotype_length}",
+                "what a genotype is read to is held in memory",
+                max(0, _MOST_READINGS // self.genotype_length - 1),
             )
         n_codons = population_size * self.genotype_length
         if n_codons > _MOST_CODONS:

@@ -7,7 +7,7 @@ from dataclasses import MISSING, Field, field, fields
 from functools import cache
 from typing import Any, ClassVar, Union, cast, get_args, get_origin
 
-from ge_torchrl.checks import MOST_EPISODES, UNSET, Kind, Rule, checked, refuse
+from ge_torchrl.checks import MOST, MOST_EPISODES, UNSET, Kind, Rule, checked, refuse
 
 REQUIRED = MISSING
 NOT_BY_SPEED = object()
@@ -27,6 +27,8 @@ def setting(
     because: str = "",
     text: str = "a text",
     renamed: tuple[tuple[str, str], ...] = (),
+    lines: bool = False,
+    largest: int = MOST,
     dear: Any = NOT_BY_SPEED,
 ) -> Any:
     """Declare a setting; type and whether null is allowed are those of the annotation.
@@ -46,6 +48,8 @@ def setting(
         because: Why the range is what it is.
         text: What a text is.
         renamed: Former texts and what they are called now.
+        lines: Whether a text may have several lines.
+        largest: The largest number allowed where no range names one.
         dear: The value where steps of the environment are dear.
     """
     declared = {
@@ -57,6 +61,8 @@ def setting(
         "because": because,
         "text": text,
         "renamed": renamed,
+        "lines": lines,
+        "largest": largest,
     }
     metadata = {"doc": doc, "declared": declared, "dear": dear}
     return field(metadata=metadata) if default is REQUIRED else field(default=default, metadata=metadata)

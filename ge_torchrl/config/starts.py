@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from ge_torchrl.checks import MOST_TREES
 from ge_torchrl.config.setting import Section, setting
 
 
@@ -24,6 +25,7 @@ class StartsConfig(Section):
     )
     count: int = setting(
         6,
+        largest=MOST_TREES,
         at_least=1,
         because="somebody has to start",
         doc="Starts of a race. The better half goes on, then the best two, then the best one.",

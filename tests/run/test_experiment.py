@@ -87,7 +87,7 @@ class TestFolder:
         assert re.search(r"theta(_dot)? < -?[\d.]+ rad", tree)
 
     def test_a_finished_run_is_never_overwritten(self, finished):
-        with pytest.raises(ArtefactError, match="holds one already"):
+        with pytest.raises(ArtefactError, match=r"holds summary\.json already"):
             run(config(), finished[0])
 
     def test_nothing_is_written_where_the_plan_is_refused(self, tmp_path):
