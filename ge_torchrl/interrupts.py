@@ -1,7 +1,7 @@
 """Ctrl-C, where Python would answer with a traceback or not at all.
 
 That is at both ends of the program, while processes are started, and while compiled code runs, which Python cannot
-interrupt.
+interrupt. SIGTERM, as a scheduler sends it, and SIGHUP, which tells that the terminal is gone, are answered likewise.
 """
 
 import math
@@ -15,6 +15,10 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
+# What ends a run; Windows has no hangup.
+INTERRUPTS = frozenset(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 # Whether the process is this program's own.
 _ours: list[bool] = []
 # After Ctrl-C the main thread has so long to hear of it [s]. A kernel's chunk takes a tenth of a second.
@@ -25,6 +29,8 @@ _LOOK = 0.1
 _SAVING = 5.0
 # After its end the program has so long to leave [s]: a thread may never come back from compiled code.
 _LEAVING = 3.0
+# Standard streams that were a terminal when the program began.
+_terminals: list[int] = []
 # Functions that save what there is, and say what that is.
 _last_words: list[Callable[[], str]] = []
 
@@ -48,7 +54,10 @@ class _Heard:
 def leave_quietly() -> None:
     """Let Ctrl-C end this process at once with status 130, until `interrupt_again`."""
     _ours.append(True)
-    signal.signal(signal.SIGINT, _leave)
+    for number in INTERRUPTS:
+        # Who starts a program by nohup wants no hangup.
+        if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, _leave)
 
 
 def interrupt_again() -> None:
@@ -59,8 +68,11 @@ def interrupt_again() -> None:
     """
     if signal.getsignal(signal.SIGINT) is not _leave:
         return
+    heard = [number for number in INTERRUPTS if signal.getsignal(number) is _leave]
+    _terminals[:] = [descriptor for descriptor in range(3) if os.isatty(descriptor)]
     if not hasattr(signal, "pthread_sigmask"):
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in heard:
+            signal.signal(number, _interrupt)
         return
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
@@ -68,13 +80,15 @@ def interrupt_again() -> None:
         # Ctrl-C is for the main thread: this one is started deaf to it.
         threading.Thread(target=_end_what_hears_nothing, args=(reading,), daemon=True).start()
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-    signal.signal(signal.SIGINT, _interrupt)
+    for number in heard:
+        signal.signal(number, _interrupt)
 
 
 def ignore_interrupts() -> None:
     """Let the program end in peace: Ctrl-C changes nothing any more, where `leave_quietly` was called."""
     if _ours:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in INTERRUPTS:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def leave_soon(status: int) -> int:
@@ -119,7 +133,7 @@ def held_back() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
     try:
         yield
     finally:
@@ -130,15 +144,24 @@ def _leave(_signal: int, _frame: FrameType | None) -> NoReturn:
     os._exit(130)
 
 
-def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
+def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
     _Heard.at = time.monotonic()
+    if number not in (signal.SIGINT, signal.SIGTERM):
+        _forget_terminal()
     raise KeyboardInterrupt
+
+
+def _forget_terminal() -> None:
+    """Let what is printed go nowhere: a terminal that is gone refuses it, and the run would break off."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in _terminals:
+        os.dup2(nowhere, descriptor)
 
 
 def _end_what_hears_nothing(reading: int) -> NoReturn:
     while True:
         # Every signal that Python has a handler for writes its number, at once, whatever the main thread does.
-        if signal.SIGINT not in os.read(reading, 100) or signal.getsignal(signal.SIGINT) is not _interrupt:
+        if INTERRUPTS.isdisjoint(os.read(reading, 100)) or signal.getsignal(signal.SIGINT) is not _interrupt:
             continue
         pressed = time.monotonic()
         # It hears of several at once, and may have done so before this thread has its turn.

@@ -1,6 +1,7 @@
 """Ctrl-C in processes of their own, as a terminal sends it."""
 
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -97,11 +98,16 @@ def ended(program):
 
 
 @pytest.mark.parametrize(
-    ("script", "saved"), [(SAVES, "the best tree is in a folder"), (SAVES_NOTHING, "nothing was saved")]
+    ("script", "saved", "number"),
+    [
+        (SAVES, "the best tree is in a folder", signal.SIGINT),
+        (SAVES, "the best tree is in a folder", signal.SIGTERM),
+        (SAVES_NOTHING, "nothing was saved", signal.SIGHUP),
+    ],
 )
-def test_code_that_does_not_return_ends_with_what_was_saved(script, saved):
+def test_code_that_does_not_return_ends_with_what_was_saved(script, saved, number):
     program = started(BEGIN + script)
-    program.send_signal(signal.SIGINT)
+    program.send_signal(number)
     told = f"ge-torchrl: interrupted in code that did not return; {saved}\n"
     assert ended(program) == (130, "", told)
 
@@ -113,6 +119,52 @@ def test_who_hears_of_ctrl_c_goes_on_however_often_it_comes():
         # Of two at once it hears once, or one comes before the one in front was heard of.
         time.sleep(0.02 if press % 2 else 0.0005)
     assert ended(program) == (0, "", "")
+
+
+WAITS = """
+try:
+    print("ready", flush=True)
+    time.sleep(60)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_what_a_scheduler_or_a_terminal_sends_is_heard_as_ctrl_c(number):
+    program = started(BEGIN + WAITS)
+    program.send_signal(number)
+    assert ended(program) == (0, "interrupted\n", "")
+
+
+def test_who_was_told_to_hear_no_hangup_hears_none():
+    program = started("import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + BEGIN + WAITS)
+    program.send_signal(signal.SIGHUP)
+    time.sleep(0.2)
+    assert program.poll() is None
+    program.send_signal(signal.SIGTERM)
+    assert ended(program) == (0, "interrupted\n", "")
+
+
+def test_a_terminal_that_is_gone_is_printed_to_no_more():
+    """What is printed after that goes nowhere, and breaks nothing off."""
+    script = BEGIN + WAITS + "\nprint('after', flush=True)\nos.write(told, b'done')"
+    reading, told = os.pipe()
+    os.set_inheritable(told, True)
+    program, terminal = pty.fork()
+    if program == 0:
+        os.execve(  # noqa: S606
+            sys.executable,
+            [sys.executable, "-c", f"import os; told = os.dup({told})\n{script}"],
+            {**os.environ, "PYTHONPATH": str(ROOT)},
+        )
+    while b"ready" not in os.read(terminal, 1000):
+        pass
+    os.close(terminal)
+    assert os.waitpid(program, 0)[1] == 0
+    assert os.read(reading, 10) == b"done"
+    os.close(reading)
+    os.close(told)
 
 
 def test_a_thread_that_never_returns_does_not_keep_the_program():

@@ -27,7 +27,7 @@ from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.registry import registered_id
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import EnvironmentFaultError
-from ge_torchrl.interrupts import held_back
+from ge_torchrl.interrupts import INTERRUPTS, held_back
 
 _Result = TypeVar("_Result")
 
@@ -182,7 +182,7 @@ class Workers:
         if not self.is_usable:
             for process in filter(None, self._board.processes):
                 with contextlib.suppress(ProcessLookupError):
-                    os.kill(process, signal.SIGTERM)
+                    os.kill(process, signal.SIGKILL)
         self._pool.shutdown(cancel_futures=True)
 
 
@@ -267,12 +267,25 @@ _worker: list[_Worker] = []
 
 
 def _start(sent: bytes, board: _Board) -> None:
-    # Ctrl-C is for the calling process, which ends its workers; without it they end too.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # What ends a run is for the calling process, which ends its workers; without it they end too.
+    for number in INTERRUPTS - {signal.SIGTERM}:
+        signal.signal(number, signal.SIG_IGN)
+    if hasattr(signal, "sigwaitinfo"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+        threading.Thread(target=_end_when_parent_says_so, daemon=True).start()
+    elif hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     threading.Thread(target=_end_with_parent, daemon=True).start()
     worker = _Worker(sent, board)
     _worker.append(worker)
     atexit.register(worker.close)
+
+
+def _end_when_parent_says_so() -> None:
+    # A scheduler tells all processes of a job at once; `Process.terminate` means this one.
+    while signal.sigwaitinfo({signal.SIGTERM}).si_pid != os.getppid():
+        pass
+    os._exit(1)
 
 
 def _end_with_parent() -> None:

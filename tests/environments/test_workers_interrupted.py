@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 
+import pytest
 from pages_for_tests import ROOT
 
 MODULE = """
@@ -69,13 +70,15 @@ if __name__ == "__main__":
 """
 
 
-def test_workers_end_quietly_however_often_ctrl_c_is_pressed(tmp_path):
-    (tmp_path / "own.py").write_text(MODULE)
-    (tmp_path / "script.py").write_text(SCRIPT)
+@contextlib.contextmanager
+def playing(folder):
+    """Start a program with two workers in a group of their own, and wait until both play."""
+    (folder / "own.py").write_text(MODULE)
+    (folder / "script.py").write_text(SCRIPT)
     program = subprocess.Popen(
         [sys.executable, "script.py"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -83,22 +86,39 @@ def test_workers_end_quietly_however_often_ctrl_c_is_pressed(tmp_path):
     )
     late = threading.Timer(120, os.killpg, [program.pid, signal.SIGKILL])
     late.start()
-    with program:
+    try:
+        with program:
+            said = program.stdout.readline
+            assert (said(), said()) == ("stuck\n", "stuck\n")
+            yield program
+    finally:
+        late.cancel()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_workers_end_quietly_however_often_they_all_are_told_to(tmp_path, number):
+    """A terminal tells all processes of Ctrl-C, and many a scheduler all of a job of its end."""
+    with playing(tmp_path) as program:
         said = program.stdout.readline
-        assert (said(), said()) == ("stuck\n", "stuck\n")
-        os.killpg(program.pid, signal.SIGINT)
+        os.killpg(program.pid, number)
         assert said() == "stopping\n"
         # Workers would be waited for, were it not for this one.
-        os.killpg(program.pid, signal.SIGINT)
+        os.killpg(program.pid, number)
         assert said() == "leaving\n"
         for _ in range(5):
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(program.pid, signal.SIGINT)
+                os.killpg(program.pid, number)
             time.sleep(0.02)
         output, errors = program.stdout.read(), program.stderr.read()
-    late.cancel()
     assert (program.returncode, output, errors) == (130, "closed\n", "")
     assert is_gone(program.pid)
+
+
+def test_workers_end_when_the_program_is_killed(tmp_path):
+    with playing(tmp_path) as program:
+        program.kill()
+        program.wait()
+        assert is_gone(program.pid)
 
 
 def is_gone(group):
