@@ -21,6 +21,8 @@ MOST = 10**15
 """No number of a setting is larger, unless its rule says so: it would fit neither into 64 bits nor into a float32."""
 MOST_TREES = 1_000_000
 """No setting counts more trees: they are held in memory."""
+MOST_SEED = 2**62
+"""Episodes of higher seeds have none that follow: seeds are 64-bit integers."""
 UNSET = "???"
 """The value of a key that somebody still has to fill in, as OmegaConf and YAML files write it."""
 

@@ -1,12 +1,13 @@
 """`evaluate`: a tree, or those of many runs, on new episodes."""
 
+import argparse
 import json
 import sys
 from pathlib import Path
 
-from ge_torchrl.checks import MOST_EPISODES
+from ge_torchrl.checks import MOST_EPISODES, MOST_SEED
 from ge_torchrl.cli.output import form_of_tables
-from ge_torchrl.cli.parser import Parser, integer_from
+from ge_torchrl.cli.parser import Parser, add_trust, integer_from
 from ge_torchrl.cli.statuses import OK
 from ge_torchrl.errors import UserError
 
@@ -15,6 +16,13 @@ def evaluate(arguments: list[str]) -> int:
     """Test a tree, or those of many runs, as `evaluate --help` tells; return the exit status."""
     options = _parser().parse_args(arguments)
 
+    from ge_torchrl.environments.trust import trusting
+
+    with trusting(vouched=options.trust):
+        return _told(options)
+
+
+def _told(options: argparse.Namespace) -> int:
     from ge_torchrl.report import evaluation
 
     measures = options.episodes, options.seed, options.route, options.nodes
@@ -48,7 +56,7 @@ def _parser() -> Parser:
     )
     parser.add_argument("--episodes", type=integer_from(1, MOST_EPISODES), default=1000, help="default: 1000")
     parser.add_argument(
-        "--seed", type=integer_from(0), default=10000, help="of the first episode; default: 10000"
+        "--seed", type=integer_from(0, MOST_SEED), default=10000, help="of the first episode; default: 10000"
     )
     parser.add_argument(
         "--nodes",
@@ -57,6 +65,7 @@ def _parser() -> Parser:
         help="take the tree with N decision nodes from the archive of each run; default: the champion, and of many "
         "runs the whole archive too",
     )
+    add_trust(parser)
     parser.add_argument("--route", choices=("auto", "kernel", "gymnasium"), default="auto")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print one line of JSON")

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import NoReturn
 
 from ge_torchrl.errors import UserError
+from ge_torchrl.printing import shortened
+
+_MOST_DIGITS = 20
 
 
 class Parser(argparse.ArgumentParser):
@@ -45,11 +48,22 @@ def integer_from(at_least: int, at_most: int | None = None) -> Callable[[str], i
     allowed = f"of at least {at_least}" if at_most is None else f"from {at_least} to {at_most}"
 
     def integer(text: str) -> int:
-        if not text.isdecimal() or not at_least <= int(text) <= (at_most or math.inf):
-            raise argparse.ArgumentTypeError(f"must be an integer {allowed}; got {text}")
+        # No number of use has more digits, and Python refuses thousands of them.
+        is_short = text.isdecimal() and len(text) <= _MOST_DIGITS
+        if not is_short or not at_least <= int(text) <= (at_most or math.inf):
+            raise argparse.ArgumentTypeError(f"must be an integer {allowed}; got {shortened(text)}")
         return int(text)
 
     return integer
+
+
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    """Let a user vouch for the code that a tree or a run names."""
+    parser.add_argument(
+        "--trust",
+        action="store_true",
+        help="run the modules and plants that the tree or the run names; else only what runs of yours have run before",
+    )
 
 
 def add_controller(parser: argparse.ArgumentParser, metavar: str) -> None:

@@ -4,7 +4,8 @@ import os
 import sys
 from pathlib import Path
 
-from ge_torchrl.cli.parser import Parser, add_controller, integer_from
+from ge_torchrl.checks import MOST_SEED
+from ge_torchrl.cli.parser import Parser, add_controller, add_trust, integer_from
 from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import OK
 
@@ -20,11 +21,13 @@ def play(arguments: list[str]) -> int:
             # MuJoCo would open a window of its own, and end the program where there is no display.
             variables["MUJOCO_GL"] = os.environ.get("MUJOCO_GL", "egl")
     with seen_by_others(sys.argv[1:], variables):
+        from ge_torchrl.environments.trust import trusting
         from ge_torchrl.play.playing import play as play_episode
         from ge_torchrl.report.reading import read_tree
         from ge_torchrl.trees.controller import Controller
 
-        tree, spec = read_tree(options.path, options.nodes)
+        with trusting(vouched=options.trust):
+            tree, spec = read_tree(options.path, options.nodes)
         played = play_episode(
             Controller(tree, spec.names), spec, options.seed, options.out, options.episode, options.steps
         )
@@ -41,8 +44,12 @@ def _parser() -> Parser:
         "as a GIF or an MP4.",
     )
     add_controller(parser, "TREE_OR_RUN")
+    add_trust(parser)
     parser.add_argument(
-        "--seed", type=integer_from(0), default=10000, help="of the episode; default: 10000, as of evaluate"
+        "--seed",
+        type=integer_from(0, MOST_SEED),
+        default=10000,
+        help="of the episode; default: 10000, as of evaluate",
     )
     parser.add_argument(
         "--episode",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.checks import MOST_EPISODES, Rule, checked, refuse
+from ge_torchrl.checks import MOST_EPISODES, MOST_SEED, Rule, checked, refuse
 from ge_torchrl.report.evaluated import EvaluationSummary
 from ge_torchrl.report.evaluation import evaluate_tree
 from ge_torchrl.report.reading import environment_of_tree
@@ -15,7 +15,7 @@ from ge_torchrl.report.statistics import Interval, mean_interval
 from ge_torchrl.trees.controller import Controller
 
 _EPISODES = Rule("integer", at_least=1, at_most=MOST_EPISODES, because="a return is a mean over episodes")
-_SEED = Rule("integer", at_least=0, because="seeds of random numbers are not negative")
+_SEED = Rule("integer", at_least=0, largest=MOST_SEED, because="seeds of random numbers are not negative")
 _ROUTE = Rule("text", choices=("auto", "kernel", "gymnasium"))
 
 

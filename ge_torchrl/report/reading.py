@@ -12,6 +12,7 @@ from ge_torchrl.artefacts.folder import ARCHIVE_TREES, CONFIG, RunFolder
 from ge_torchrl.config import EnvironmentConfig
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec, describe, describe_settings
+from ge_torchrl.environments.trust import check_trusted
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.reading import is_folder, is_there
 from ge_torchrl.trees.controller import Controller, Names, check_names
@@ -28,7 +29,7 @@ def read_tree(path: Path, nodes: int | None) -> tuple[DecisionTree, EnvironmentS
         nodes: Take the tree with so many decision nodes from the archive of the run; None takes the champion.
 
     Raises:
-        UserError: There is no such tree, or its environment is at fault.
+        UserError: There is no such tree, its environment is at fault, or is code that nobody vouches for.
     """
     controller = named_controller(path, nodes)
     if is_folder(path):
@@ -46,6 +47,8 @@ def environment_of_run(folder: RunFolder, controller: Controller) -> Environment
             tree does not fit it.
     """
     env = folder.read_config().env
+    check_trusted(env.id, env.wrappers, folder.path)
+    check_trusted(controller.names.id, controller.names.wrappers, folder.path)
     _check_plant(controller.names, env)
     spec = describe_settings(env)
     _check_fit(controller, spec)
@@ -67,6 +70,9 @@ def environment_of_tree(
         UserError: The environment is at fault, or has changed so that the tree does not fit it.
     """
     names = controller.names
+    check_trusted(names.id, names.wrappers, source)
+    if of_run is not None:
+        check_trusted(of_run.id, of_run.wrappers, source)
     _check_plant(names, of_run)
     spec = None if of_run is None else describe_settings(of_run)
     if spec is None or made(spec.names) != made(names):

@@ -17,6 +17,7 @@ from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.probing import Probe, obeys_seeds, probe
 from ge_torchrl.environments.registry import newer_version
 from ge_torchrl.environments.spec import EnvironmentSpec, describe_settings, symmetry_of
+from ge_torchrl.environments.trust import remember
 from ge_torchrl.errors import GrammarError
 from ge_torchrl.ge.generating import choose_grammar
 from ge_torchrl.ge.grammar_reader import vocabulary
@@ -67,6 +68,8 @@ def plan(config: Config) -> Plan:
         ConfigError: A mirror is declared that there cannot be, or that the environment does not have.
     """
     spec = describe_settings(config.env)
+    # Whoever begins a run with it vouches for it.
+    remember(spec.id, config.env.wrappers)
     asked, started = (config.env, config.grammar, config.ge.max_seconds), time.perf_counter()
     check_names(spec, config.env)
     if config.env.route == "kernel":

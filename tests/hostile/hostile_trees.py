@@ -111,6 +111,11 @@ def cases(folder: Path) -> Iterator[Case]:
     yield from _paths(folder)
 
 
+def sound_document() -> dict[str, Any]:
+    """Return a copy of what a sound file says."""
+    return copy.deepcopy(_SOUND)
+
+
 def _paths(folder: Path) -> Iterator[Case]:
     pipe, circle = folder / "pipe.json", folder / "circle.json"
     os.mkfifo(pipe)
@@ -132,7 +137,7 @@ def _paths(folder: Path) -> Iterator[Case]:
 
 
 def _changed(place: tuple[Any, ...], value: object) -> dict[str, Any]:
-    document = copy.deepcopy(_SOUND)
+    document = sound_document()
     inner: Any = document
     for key in place[:-1]:
         inner = inner[key]

@@ -8,6 +8,7 @@ import yaml
 from sweeps_for_tests import leaf, split, write_run
 
 from ge_torchrl.environments.spec import describe
+from ge_torchrl.environments.trust import trusting
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report.evaluation import evaluate, evaluate_runs
 from ge_torchrl.trees.controller import Controller
@@ -17,6 +18,13 @@ from ge_torchrl.trees.tree import DecisionTree
 PLANT = "mine.py:Mine"
 XV, LR = ("x", "v"), ("l", "r")
 PUSH = {"push": (-1.0, 1.0)}
+
+
+@pytest.fixture(autouse=True)
+def vouched():
+    """The plants here are the user's own."""
+    with trusting():
+        yield
 
 
 def write_plant(features=XV, actions=LR, speed=0.1):
