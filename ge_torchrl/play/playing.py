@@ -99,7 +99,7 @@ def play(
     stride = 1 if path is None else stride_of(path, len(episode), rate)
     last: list[Moment] = []
 
-    def frames() -> Iterator[Image]:
+    def frames() -> Iterator[Image | None]:
         shown = moments(
             controller, spec, seed, most_steps, None if traces else lambda step: step % stride == 0
         )
@@ -107,11 +107,14 @@ def play(
             if moment.ended or moment.step % stride == 0:
                 last[:] = [moment]
                 yield stage.frame(moment)
+            while path is None and moment.ended:
+                # Were the environment closed now, some would take pygame's window with them.
+                yield None
 
     if path is None:
         show(frames(), rate, f"{controller.names.environment}, seed {seed}")
     else:
-        write_film(path, frames(), rate / stride)
+        write_film(path, filter(None, frames()), rate / stride)
     (end,) = last
     return Played(
         path,

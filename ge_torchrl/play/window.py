@@ -29,11 +29,11 @@ def check_window() -> None:
     needs("pygame", "pygame-ce", "a window")
 
 
-def show(frames: Iterator[Image], frames_per_second: float, title: str) -> None:
+def show(frames: Iterator[Image | None], frames_per_second: float, title: str) -> None:
     """Show frames; space holds them, Escape, q or closing the window ends all, and the last frame stays.
 
     Args:
-        frames: Of the size of a frame.
+        frames: Of the size of a frame; None leaves the one before.
         frames_per_second: How many are shown a second.
         title: Of the window.
 
@@ -57,7 +57,7 @@ def show(frames: Iterator[Image], frames_per_second: float, title: str) -> None:
         pygame.display.quit()
 
 
-def _shown(pygame: Any, window: Any, frames: Iterator[Image], frames_per_second: float) -> None:
+def _shown(pygame: Any, window: Any, frames: Iterator[Image | None], frames_per_second: float) -> None:
     clock = pygame.time.Clock()
     is_held = False
     while True:
@@ -66,11 +66,7 @@ def _shown(pygame: Any, window: Any, frames: Iterator[Image], frames_per_second:
             if event.type == pygame.QUIT or key in (pygame.K_ESCAPE, pygame.K_q):
                 return
             is_held ^= key == pygame.K_SPACE
-        if not is_held:
-            frame = next(frames, None)
-            if frame is None:
-                is_held = True  # For good: there are no more.
-            else:
-                window.blit(pygame.image.frombuffer(frame.tobytes(), SIZE, "RGB"), (0, 0))
+        if not is_held and (frame := next(frames, None)) is not None:
+            window.blit(pygame.image.frombuffer(frame.tobytes(), SIZE, "RGB"), (0, 0))
         pygame.display.flip()
         clock.tick(frames_per_second)

@@ -4,10 +4,13 @@ import pytest
 from documents_for_tests import CONTROLLER
 from stages_for_tests import moment_of
 
+from ge_torchrl.environments.spec import describe
 from ge_torchrl.errors import UserError
-from ge_torchrl.play import window
+from ge_torchrl.play import playing, window
 from ge_torchrl.play.frame import Stage
 from ge_torchrl.play.window import check_window, show
+from ge_torchrl.trees.controller import Controller
+from ge_torchrl.trees.tree import DecisionTree
 
 pygame = pytest.importorskip("pygame")
 
@@ -54,6 +57,25 @@ def test_space_holds_and_closing_ends():
 
     show(frames(), 1000, "CartPole-v1")
     assert shown == [0, 1]
+
+
+def test_an_environment_that_closes_pygame_does_not_take_the_window_with_it(monkeypatch):
+    # Gymnasium's classic control does so at its end; the last frame stays until a key is pressed.
+    spec = describe("CartPole-v1", ("x", "x_dot", "theta", "theta_dot"), ("",) * 4, ("left", "right"))
+    monkeypatch.setenv("DISPLAY", ":0")
+    falling = Controller(DecisionTree.leaf(0), spec.names)
+    flips, flip = [], pygame.display.flip
+
+    def counted_flip():
+        flip()
+        flips.append(None)
+        if len(flips) == 40:  # The episode has some ten states.
+            press(pygame.K_q)
+
+    monkeypatch.setattr(pygame.display, "flip", counted_flip)
+    played = playing.play(falling, spec, seed=7)
+    assert played.ended == "ended by the task"
+    assert len(flips) == 40
 
 
 def test_no_display_is_told_with_what_to_type(monkeypatch):
