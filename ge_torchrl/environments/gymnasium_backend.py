@@ -139,10 +139,11 @@ class GymnasiumBackend(Accountable):
         jobs = Jobs(np.repeat(trees, len(seeds)), np.tile(seeds, len(trees)))
         watch = LedgerWatch(self.ledger, purpose)
         workers = self._workers_for(len(jobs), len(jobs) * self._likely_length)
-        if workers is None:
-            played = self._alone(lambda: self._runner.play(forest, jobs, watch))
-        else:
-            played = self._play_together(workers, forest, jobs, watch)
+        with self.ledger.timing(purpose):
+            if workers is None:
+                played = self._alone(lambda: self._runner.play(forest, jobs, watch))
+            else:
+                played = self._play_together(workers, forest, jobs, watch)
         shape = (len(trees), len(seeds))
         outcomes.returns[trees] = played.returns.reshape(shape)
         outcomes.lengths[trees] = played.lengths.reshape(shape)

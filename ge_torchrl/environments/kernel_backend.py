@@ -153,7 +153,8 @@ class KernelBackend(Accountable):
             Task(partial(run, trees, episodes), self._most_steps(trees, episodes))
             for trees, episodes in self._chunks(len(forest), len(seeds))
         )
-        self._threads.run(tasks, purpose, self._most_steps((0, len(forest)), (0, len(seeds))))
+        with self.ledger.timing(purpose):
+            self._threads.run(tasks, purpose, self._most_steps((0, len(forest)), (0, len(seeds))))
         if cut.is_set():
             raise LimitReachedError("max_env_steps")
         self._refuse_what_is_lost(forest, seeds, outcomes)

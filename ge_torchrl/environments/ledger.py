@@ -91,12 +91,15 @@ class Ledger:
 
     Attributes:
         steps: Environment steps by purpose.
+        timed: By purpose, of the calls that ran trees from their first step to their last: their steps, and the clock
+            time that they took [s].
         limit: How far the run may go; None for no limit.
         on_steps: Called with the number of all steps so far, every second or more often while steps are made.
     """
 
     def __init__(self) -> None:
         self.steps: Counter[str] = Counter()
+        self.timed: dict[str, tuple[int, float]] = {}
         self.limit: Limit | None = None
         self.on_steps: Callable[[int], None] = _say_nothing
         self._lock = threading.Lock()
@@ -123,6 +126,15 @@ class Ledger:
             with self._lock:
                 self.steps[purpose] += n_steps
         self.beat()
+
+    @contextmanager
+    def timing(self, purpose: str) -> Iterator[None]:
+        """Time the steps that are made meanwhile; calls of one purpose are timed one after another."""
+        started, before = time.perf_counter(), self.steps[purpose]
+        yield
+        steps, seconds = self.timed.get(purpose, (0, 0.0))
+        made, took = self.steps[purpose] - before, time.perf_counter() - started
+        self.timed[purpose] = (steps + made, seconds + took)
 
     def beat(self) -> None:
         """Give a sign of life where one is due."""

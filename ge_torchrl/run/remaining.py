@@ -13,13 +13,15 @@ from ge_torchrl.config import Config
 from ge_torchrl.run.costs import NOTHING, Cost
 from ge_torchrl.search.archive import ARCHIVE
 from ge_torchrl.search.problem import Problem
+from ge_torchrl.search.refinement import snaps
 from ge_torchrl.search.state import SearchState
 
-# Of the budget of the last refinement so much is spent, since trees that were refined before converge early; and where
-# short lists are polished, whose polish is short. Both were measured on ten runs of each task.
-_SPENT, _SPENT_AFTER_LISTS = 0.28, 1.1
-# Kernels that count visits, over trees that live long, make so many times fewer steps a second than was measured.
-_SLOWER_KERNELS = 2
+# Of the budget of PPO's last refinement so much is spent, since trees that were refined before converge early.
+_SPENT = 0.28
+# Constants of a tree settle in so many trials about, each of all its episodes.
+_SETTLING = 105
+# Where kept trees were measured for less, that says nothing of their speed [s].
+_SHORTEST = 0.02
 # Of the steps of a run with dear steps so much goes into rounding.
 _ROUNDING = 0.05
 # A refinement takes this part of the first one.
@@ -118,32 +120,41 @@ class Estimate:
         return refiner.enabled and refiner.schedule.applies_to(generation)
 
 
-def after_search(problem: Problem, state: SearchState, refine_seconds: float, polish_seconds: float) -> float:
+def after_search(problem: Problem, state: SearchState, refine_seconds: float) -> float:
     """Return the seconds that the last refinement, rounding, validation and test are expected to take.
 
     Args:
         problem: What is searched.
         state: Its last state.
         refine_seconds: What the refiner has taken so far.
-        polish_seconds: What the polish has.
     """
-    config, backend = problem.config, problem.backend
-    settings, speed = config.archive, config.evaluation.steps_per_second or backend.steps_per_second
+    config, backend, settings = problem.config, problem.backend, problem.config.archive
     nodes = Counter(member.tree.num_decision_nodes for member in state.archive.members)
+    length, speed = _kept_length(problem, state), _kept_speed(problem)
+    small = config.evaluation.steps_per_second or backend.steps_per_second
+    n_refined = sum(min(kept, settings.final_keep) for size, kept in nodes.items() if size > 0)
+    efforts = n_refined * settings.final_factor * settings.final_patience
     seconds = 0.0
-    if problem.refines:
-        # The polish does it where there is one.
-        refined, polished = state.counts.refined, state.counts.polished
-        took, n = (polish_seconds, polished) if problem.polisher else (refine_seconds, refined)
-        n_refined = sum(min(kept, settings.final_keep) for size, kept in nodes.items() if size > 0)
-        efforts = n_refined * settings.final_factor * settings.final_patience
-        seconds += efforts * took / max(1, n) * (_SPENT_AFTER_LISTS if settings.short_list else _SPENT)
+    if problem.polisher is not None or config.refiner.method == "cmaes":
+        # Its whole budget is spent: a patient search starts again where it has converged.
+        settling = _SETTLING * n_refined * config.polish.settling_episodes * length if snaps(problem) else 0.0
+        # Measured are visits too, which some kernels count slowly.
+        seconds += (efforts * config.polish.max_timesteps + settling) / max(speed, small)
+    elif problem.refines:
+        seconds += efforts * refine_seconds / max(1, state.counts.refined) * _SPENT
     if problem.rounds and config.ge.max_env_steps:
         seconds += _ROUNDING * config.ge.max_env_steps / speed
     evaluation, n_kept = config.evaluation, nodes.total()
     episodes = (n_kept + 2) * evaluation.validation_episodes + (len(nodes) + 2) * evaluation.test_episodes
-    slower = _SLOWER_KERNELS if backend.name == "kernel" else 1
-    return seconds + episodes * _kept_length(problem, state) * slower / speed
+    return seconds + episodes * length / speed
+
+
+def _kept_speed(problem: Problem) -> float:
+    """Return how many steps a second kept trees make, as far as those that were offered tell."""
+    steps, seconds = problem.backend.ledger.timed.get(ARCHIVE, (0, 0.0))
+    if seconds >= _SHORTEST:
+        return steps / seconds
+    return problem.config.evaluation.steps_per_second or problem.backend.steps_per_second
 
 
 def _kept_length(problem: Problem, state: SearchState) -> float:

@@ -272,7 +272,7 @@ class Run:
         self.history.write(record)
         kept = best_by_nodes(state.archive)
         self.tracker.generation(record, kept)
-        after = after_search(self.problem, state, self.refine_seconds, self.polish_seconds)
+        after = after_search(self.problem, state, self.refine_seconds)
         self.progress.show(record, kept, after)
         self._note_checkpoint()
         return self.observer(record, state, self.names)

@@ -91,18 +91,29 @@ class TestAfterTheSearch:
         problem, state = self.searched()
         sizes = {member.tree.num_decision_nodes for member in state.archive.members} - {0}
         assert sizes
-        state = replace(state, counts=replace(state.counts, refined=5, polished=10))
-        measuring = after_search(problem, state, 0.0, 0.0)
+        state = replace(state, counts=replace(state.counts, refined=5))
+        measuring = after_search(problem, state, 0.0)
         # A second a tree.
-        assert after_search(problem, state, 5.0, 0.0) - measuring == pytest.approx(0.28 * 20 * len(sizes))
+        assert after_search(problem, state, 5.0) - measuring == pytest.approx(0.28 * 20 * len(sizes))
+
+    def test_a_polish_takes_its_whole_budget_at_the_speed_of_kept_trees(self):
+        problem, state = self.searched()
+        n_trees = len({member.tree.num_decision_nodes for member in state.archive.members} - {0})
+        measuring = after_search(problem, state, 0.0)
         polishing = replace(problem, polisher=problem.refiner)
-        assert after_search(polishing, state, 0.0, 10.0) - measuring == pytest.approx(0.28 * 20 * len(sizes))
+        budget = 20 * n_trees * problem.config.polish.max_timesteps
+        speed = problem.config.evaluation.steps_per_second or problem.backend.steps_per_second
+        assert after_search(polishing, state, 0.0) - measuring == pytest.approx(budget / speed)
+        # A hundred times as fast as was thought at first.
+        problem.backend.ledger.timed["archive"] = (int(1e4 * speed), 100.0)
+        quick = after_search(polishing, state, 0.0)
+        assert quick == pytest.approx((budget / speed + measuring) / 100)
 
     def test_validation_and_test_take_their_episodes(self):
         problem, state = self.searched()
         few = replace(problem.config.evaluation, validation_episodes=10, test_episodes=10)
         shorter = replace(problem, config=replace(problem.config, evaluation=few))
-        assert 0 < after_search(shorter, state, 0.0, 0.0) < after_search(problem, state, 0.0, 0.0)
+        assert 0 < after_search(shorter, state, 0.0) < after_search(problem, state, 0.0)
 
 
 def test_the_pace_leaves_out_what_came_before_the_first_generation():
