@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run test docs chromium test-processors lint format settings bench clean
+.PHONY: help run test test-all docs chromium test-processors lint format settings bench clean
 
 help: ## List the targets (this text)
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -21,6 +21,9 @@ run: $(VENV)/.installed ## Evolve a controller; choose with ENV=mountaincar and 
 # Each worker begins with a half of its own, so that few kernels are compiled by both.
 test: lint chromium ## Check style, types, imports and behaviour: all that CI checks
 	@$(BIN)/pytest -n auto --dist worksteal
+
+test-all: lint chromium ## The same with the slow tests, which take minutes of a processor
+	@$(BIN)/pytest -n auto -m "slow or not slow"
 
 # Tests open pages in a real browser, and skip that where there is none. Only root of a Debian can be given one by itself.
 chromium:

@@ -16,13 +16,17 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import config
+from numba.core import caching, config
 from numba.core.registry import cpu_target
+
+from ge_torchrl.kernel_cache import CheckedCacheFile, tell_once
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 # Kernels live on these floors and take functions and constants from them alone.
 _FLOORS_WITH_KERNELS = ("trees", "ge", "environments")
+# Of the files; see `kernel_cache`.
+_FORMAT = 2
 # The ending of an empty file, named after a kind of run.
 _CALLED = ".called"
 
@@ -34,7 +38,7 @@ def cache_directory() -> Path:
     It lies in `$NUMBA_CACHE_DIR` where that is set, else beside the sources where they can be written, else in the
     user's cache folder.
     """
-    digest = hashlib.sha256(_processor().encode())
+    digest = hashlib.sha256(f"{_FORMAT} {_processor()}".encode())
     for source in sorted(path for floor in _FLOORS_WITH_KERNELS for path in (_PACKAGE / floor).rglob("*.py")):
         digest.update(source.relative_to(_PACKAGE).as_posix().encode())
         digest.update(source.read_bytes())
@@ -82,28 +86,43 @@ def entry_in(folder: Path) -> Callable[[Callable[..., Any]], Any]:
         types: Any = numba.types
         signature = types.void(types.CPointer(types.float64), types.intp)
         with _caching_in(folder):
-            return numba.cfunc(signature, cache=True)(function)
+            return _cached(lambda *, cache: numba.cfunc(signature, cache=cache)(function), folder)
 
     return decorate
 
 
 def _compiled(function: _Function, *, forceinline: bool, folder: Path | None = None) -> _Function:
-    decorate = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=forceinline)
-    with _caching_in(folder or cache_directory()):
-        dispatcher: Any = decorate(function)
+    def decorated(*, cache: bool) -> Any:
+        return numba.njit(cache=cache, nogil=True, error_model="numpy", forceinline=forceinline)(function)
+
+    place = folder or cache_directory()
+    with _caching_in(place):
+        dispatcher = _cached(decorated, place)
     return cast("_Function", dispatcher)
+
+
+def _cached(compiling: Callable[..., Any], folder: Path) -> Any:
+    """Return what compiles with a cache on disk; without one where no folder can be written."""
+    try:
+        return compiling(cache=True)
+    except RuntimeError as error:
+        if "cannot cache function" not in str(error):
+            raise
+        tell_once(f"Compiled kernels cannot be kept in {folder}; they are compiled at each start.")
+        return compiling(cache=False)
 
 
 @contextmanager
 def _caching_in(folder: Path) -> Iterator[None]:
     # The settings of numba are a module's attributes, which its type information does not list.
     settings: Any = config
-    previous = settings.CACHE_DIR
-    settings.CACHE_DIR = str(folder)
+    files: Any = caching
+    previous = settings.CACHE_DIR, files.IndexDataCacheFile
+    settings.CACHE_DIR, files.IndexDataCacheFile = str(folder), CheckedCacheFile
     try:
         yield
     finally:
-        settings.CACHE_DIR = previous
+        settings.CACHE_DIR, files.IndexDataCacheFile = previous
 
 
 def is_compiled_before(kind: str) -> bool:

@@ -19,7 +19,7 @@ from ge_torchrl.printing import shortened
 
 MOST_BYTES = 256 << 20
 """Of a file that a run writes; the longest are episodes step by step."""
-MOST_SETTINGS_BYTES = 2 << 20
+MOST_SETTINGS_BYTES = 8 << 20
 """Of a file of settings, grammars included."""
 _MOST_VALUES = 1_000_000
 _KINDS = (

@@ -30,14 +30,18 @@ Constants do not stand anywhere else in a sum.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 
 from ge_torchrl.ge.grammar_checks import check_rules, told_apart
 from ge_torchrl.ge.grammar_reader import read_rules
 from ge_torchrl.ge.offers import ONE, EntryOffer, Offers, SplitOffer
 from ge_torchrl.ge.productions import Constants, If, Kind, Nonterminal, Production, Rule, terms
+
+# More decision nodes are not told apart: rules may double each other a thousand times.
+_MANY = 10**9
 
 
 @dataclass(frozen=True)
@@ -113,21 +117,26 @@ class Grammar:
     @cached_property
     def most_splits(self) -> float:
         """Decision nodes of the largest tree that it derives; infinite where trees hold trees of the same rule."""
+        # A tree that holds a tree holds a split between them: a rule that derives only another one is no circle.
+        trees = {name for name, kind in self.kinds.items() if kind is Kind.TREE}
+        inside = {name: trees.intersection(_named_by(self.rules[name])) for name in trees}
         most = dict.fromkeys(self.rules, 0)
-        for _ in range(len(self.rules) + 1):
-            before = most
-            most = {
-                name: max(_splits_of(of, before) for of in rule.productions)
-                for name, rule in self.rules.items()
-            }
-            if most == before:
-                return most[self.start.name]
-        return math.inf
+        try:
+            for name in TopologicalSorter(inside).static_order():
+                most[name] = min(_MANY, max(_splits_of(of, most) for of in self.rules[name].productions))
+        except CycleError:
+            return math.inf
+        return most[self.start.name]
 
     @property
     def has_sums(self) -> bool:
         """Whether it weighs features, in splits or in leaves."""
         return self.splits == "oblique" or self.leaves == "linear"
+
+
+def _named_by(rule: Rule) -> Iterator[str]:
+    inside = (term for production in rule.productions for term in terms(production))
+    return (term.name for term in inside if isinstance(term, Nonterminal))
 
 
 def _splits_of(production: Production, most: Mapping[str, int]) -> int:

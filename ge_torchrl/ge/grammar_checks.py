@@ -91,10 +91,19 @@ def told_apart(rules: Mapping[str, Rule]) -> dict[str, Rule]:
 
 def _found(rules: Mapping[str, Rule], belongs: Callable[[Rule, set[str]], bool]) -> set[str]:
     """Return the rules that belong to a set because of those that were found to belong before; the first need none."""
-    before, names = None, set[str]()
-    while names != before:
-        before, names = names, {name for name, rule in rules.items() if belongs(rule, names)}
-    return names
+    names = set[str]()
+    # A rule mostly stands above those that it refers to, so that nearly all belong in a first turn from below.
+    asked = list(rules.items())[::-1]
+    while True:
+        left = []
+        for name, rule in asked:
+            if belongs(rule, names):
+                names.add(name)
+            else:
+                left.append((name, rule))
+        if len(left) == len(asked):
+            return names
+        asked = left
 
 
 def _is_constant(production: Production, constant: Container[str]) -> bool:

@@ -38,8 +38,8 @@ _TOKEN = re.compile(
     |(?P<unknown>.)""",
     re.VERBOSE | re.DOTALL,
 )
-_MAX_DIGITS = 15
-_MAX_NESTING = 50
+# Rules and characters: more than a machine writes for hundreds of features.
+_MAX_DIGITS, _MAX_NESTING, _MAX_RULES, _MAX_CHARACTERS = 15, 50, 1000, 4_000_000
 
 _Words = Mapping[str, tuple[type[Feature | Action], int]]
 
@@ -62,6 +62,8 @@ def read_rules(
         GrammarError: The text is not of the notation, or a name cannot be a word of it.
     """
     words = vocabulary(features, () if continuous else actions)
+    if len(text) > _MAX_CHARACTERS:
+        raise GrammarError(f"a grammar may have {_MAX_CHARACTERS} characters; this one has {len(text)}")
     return _Reader(text, words, tuple(actions) if continuous else ()).rules()
 
 
@@ -134,6 +136,8 @@ class _Reader:
                 self._take("mark")
                 productions.append(self._production())
             rules[name] = Rule(name, tuple(productions), head.place)
+            if len(rules) > _MAX_RULES:
+                fail(head.place, f"a grammar may have {_MAX_RULES} rules; this one has more")
         return rules
 
     @property

@@ -133,7 +133,7 @@ _FILES: dict[str, bytes] = {
     "aliases that multiply": b"a0: &a0 [x, x]\n"
     + b"".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n".encode() for i in range(1, 10))
     + b"env: {id: CartPole-v1, kwargs: {a: *a9}}\n",
-    "of 3 MiB": b"grammar: {name: " + b"a" * (3 << 20) + b"}\n",
+    "of 9 MiB": b"grammar: {name: " + b"a" * (9 << 20) + b"}\n",
 }
 
 

@@ -6,11 +6,14 @@ compiled, once for each text of its file.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib.util
 import os
 import re
+import shutil
 import sys
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -29,6 +32,7 @@ from ge_torchrl.environments.kernels.lanes import Starts, uniform_states
 from ge_torchrl.environments.plants.plant import Function, Plant, read_plant
 from ge_torchrl.environments.plants.source import kernel_source, start_width
 from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.kernel_cache import tell_once
 
 _Types = tuple[Any, ...]
 # They carry no type information of their own.
@@ -105,16 +109,30 @@ def _starts(plant: Plant, begin: Function, seeds: NDArray[np.int64]) -> Starts:
     return starts
 
 
-def _loaded(folder: Path, plant: Plant, bound: dict[str, Any]) -> ModuleType:
-    """Return the module of a plant's kernel; it lies in a file, which is what numba caches by."""
-    name, text = f"kernel_of_plant_{plant.digest}", kernel_source(plant)
+def _written(folder: Path, name: str, text: str) -> Path:
+    """Return the path of a module with this text."""
     path = folder / f"{name}.py"
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+    if not path.is_file() or path.read_bytes() != text.encode():
         # Another process may do the same: the file is there whole or not at all.
         folder.mkdir(parents=True, exist_ok=True)
         temporary = folder / f".{name}.{os.getpid()}"
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(text.encode())
         temporary.replace(path)
+    return path
+
+
+def _loaded(folder: Path, plant: Plant, bound: dict[str, Any]) -> ModuleType:
+    """Return the module of a plant's kernel; it lies in a file, which is what numba caches by."""
+    name, text = f"kernel_of_plant_{plant.digest}", kernel_source(plant)
+    try:
+        path = _written(folder, name, text)
+    except OSError as error:
+        tell_once(
+            f"Compiled kernels cannot be kept in {folder} ({error.strerror}); they are compiled at each start."
+        )
+        elsewhere = tempfile.mkdtemp()
+        atexit.register(shutil.rmtree, elsewhere, ignore_errors=True)
+        path = _written(Path(elsewhere), name, text)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ValueError(f"{path} is a Python file")
