@@ -6,8 +6,8 @@ LONGEST_MESSAGE = 1000
 """A person reads no longer message; what a longer one says in its middle is left out."""
 _LONGEST_NAME = 160
 _LEFT_OUT = " ... "
-# What Markdown or HTML would take for its own. A letter, a digit or a point before it does not change that.
-_MARKDOWN = re.compile(r"[\\`*_\[\]<>|#~$]")
+# What Markdown or HTML would take for its own within a name.
+_MARKDOWN = re.compile(r"[\\`*\[\]<>|]")
 
 
 def printable(text: str) -> str:
@@ -30,8 +30,16 @@ def shortened(text: str, at_most: int = _LONGEST_NAME) -> str:
     return f"{text[: at_most - end - len(_LEFT_OUT)]}{_LEFT_OUT}{text[-end:]}"
 
 
+def said_of(error: BaseException) -> str:
+    """Return what an error of somebody else's code says of itself, which may fail too."""
+    try:
+        return shortened(" ".join(repr(error).split()), LONGEST_MESSAGE // 2)
+    except Exception:  # noqa: BLE001 - it is not ours.
+        return type(error).__name__
+
+
 def in_markdown(text: str) -> str:
-    """Return a name as Markdown shows it: nothing in it is a tag, a link, a column or a heading."""
+    """Return a name as Markdown shows it: nothing in it is a tag, a link or a column."""
     return _MARKDOWN.sub(lambda found: f"\\{found[0]}", printable(text))
 
 

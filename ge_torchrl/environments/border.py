@@ -19,6 +19,7 @@ from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.environments.suitable import one_line
 from ge_torchrl.environments.witness import Witness
 from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.printing import said_of
 
 _FLOAT32 = np.dtype(np.float32)
 _LARGEST = float(np.finfo(np.float32).max)
@@ -95,7 +96,7 @@ class Border:
             observation, info = self._lean_reset(seed=seed)
         except FAULTS as error:
             form = " (an observation and a dict are expected of reset)" if _is_of_form(error) else ""
-            raise self._fault(f"raised {error!r} in reset{form}") from error
+            raise self._fault(f"raised {said_of(error)} in reset{form}") from error
         if not isinstance(info, dict) and getattr(observation, "shape", None) != self._shape:
             # An observation of two entries alone looks like a pair.
             raise self._fault(
@@ -122,7 +123,7 @@ class Border:
             observation, reward, terminated, truncated, _ = self._lean_step(given)
         except FAULTS as error:
             form = f" ({_STEP_FORM} are expected of step)" if _is_of_form(error) else ""
-            raise self._fault(f"raised {error!r}{form}") from error
+            raise self._fault(f"raised {said_of(error)}{form}") from error
         number = reward if type(reward) is float else self._number(reward)
         if number - number != 0.0:
             raise self._fault(f"returned a reward that is not a finite number, {number}")
@@ -138,6 +139,10 @@ class Border:
             if not low <= values[feature] <= high:
                 self._note(values)
                 break
+        if terminated is not True and terminated is not False:
+            terminated = self._truth(terminated)
+        if truncated is not True and truncated is not False:
+            truncated = self._truth(truncated)
         self.step_number = step_number = self.step_number + 1
         if step_number >= self._limit and not truncated:
             truncated = True
@@ -160,7 +165,7 @@ class Border:
                 'expected them installed: pip install -c constraints.txt -e ".[play]"'
             ) from error
         except FAULTS as error:
-            raise self._fault(f"raised {error!r} in render") from error
+            raise self._fault(f"raised {said_of(error)} in render") from error
 
     def close(self) -> None:
         """Close the environment, and let go of it: a simulator may be large, and who holds a border may live long."""
@@ -209,6 +214,14 @@ class Border:
             raise self._fault(f"must return a reward that is one number; got {_short(reward)}")
         return float(array)
 
+    def _truth(self, value: Any) -> bool:
+        try:
+            return bool(value)
+        except Exception as error:
+            raise self._fault(
+                f"must return whether the episode is over, as true or false; got {_short(value)}"
+            ) from error
+
     def _fault(self, what: str) -> EnvironmentFaultError:
         where = f"episode seed {self._seed}, step {self.step_number}"
         if self._action is not None:
@@ -230,7 +243,7 @@ def _is_of_form(error: BaseException) -> bool:
         trace = trace.tb_next
     where = "" if trace is None else str(trace.tb_frame.f_globals.get("__name__"))
     # Within the environment's own code it is another mistake.
-    return "unpack" in str(error) and where.startswith(("ge_torchrl.", "gymnasium."))
+    return "unpack" in said_of(error) and where.startswith(("ge_torchrl.", "gymnasium."))
 
 
 def _short(value: Any) -> str:

@@ -28,6 +28,7 @@ from ge_torchrl.environments.making import FAULTS, GymEnvironment
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.printing import said_of
 
 _Result = TypeVar("_Result")
 _logger = logging.getLogger(__name__)
@@ -156,7 +157,7 @@ def _told(act: Callable[[], _Result], where: str) -> _Result:
     try:
         return act()
     except FAULTS as error:
-        raise EnvironmentFaultError(f"{where}: it raised {error!r}") from error
+        raise EnvironmentFaultError(f"{where}: it raised {said_of(error)}") from error
 
 
 def _any_actions(spec: EnvironmentSpec, shape: tuple[int, int]) -> NDArray[Any]:

@@ -14,6 +14,7 @@ from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.registry import find_registered
 from ge_torchrl.environments.suitable import one_line
 from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.printing import said_of
 
 # What an environment raises is its fault, an attempt to end the program too; Ctrl-C is the user's.
 FAULTS = (Exception, SystemExit)
@@ -69,7 +70,7 @@ def make(
     except FAULTS as error:
         with_kwargs = f" with env.kwargs={dict(kwargs)}" if kwargs else ""
         raise EnvironmentFaultError(
-            f"env.id={environment_id} raised {error!r} while it was made{with_kwargs}"
+            f"env.id={environment_id} raised {said_of(error)} while it was made{with_kwargs}"
         ) from error
     for wrapper in wrappers:
         environment = _wrapped(environment, wrapper)
@@ -101,7 +102,7 @@ def _wrapped(environment: GymEnvironment, wrapper: str) -> GymEnvironment:
         wrapped: GymEnvironment = wrap(environment, **arguments)
     except FAULTS as error:
         raise EnvironmentFaultError(
-            f"env.wrappers: {wrapper} raised {error!r} around {environment.unwrapped}"
+            f"env.wrappers: {wrapper} raised {said_of(error)} around {environment.unwrapped}"
         ) from error
     return wrapped
 

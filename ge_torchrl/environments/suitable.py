@@ -17,6 +17,8 @@ from ge_torchrl.errors import EnvironmentFaultError
 _OURS = "ge_torchrl.environments.wrappers"
 # A person does not read a leaf that is one of more choices.
 _MOST_COMBINATIONS = 1000
+# Nor names of more.
+_MOST_NAMES = 100_000
 
 
 def space_of(environment: gym.Env[Any, Any], name: str, environment_id: str) -> spaces.Space[Any]:
@@ -55,6 +57,7 @@ def observed_box(space: spaces.Space[Any], environment_id: str, wrappers: Sequen
         EnvironmentFaultError: It is not; the message names the override that helps.
     """
     if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.shape[0] > 0:
+        _check_number(space.shape[0], "observe", "numbers", environment_id)
         return space
     raise _refusal(
         f"env.id={environment_id} must observe a flat Box, since a split compares numbers; got {one_line(space)}",
@@ -77,8 +80,10 @@ def action_bounds(
             helps.
     """
     if isinstance(space, spaces.Discrete):
+        _check_number(int(space.n), "have", "actions", environment_id)
         return ()
     if isinstance(space, spaces.Box) and len(space.shape) == 1 and space.shape[0] and space.dtype.kind == "f":
+        _check_number(space.shape[0], "take", "numbers", environment_id)
         low, high = float32_bounds(space)
         # A float64 bound may lie between two float32s: the environment refuses the outer one.
         low = np.where(np.isfinite(low) & (low < space.low), np.nextafter(low, np.float32(np.inf)), low)
@@ -91,6 +96,14 @@ def action_bounds(
         f"or a row of numbers; got {one_line(space)}",
         _action_remedy(space, wrappers),
     )
+
+
+def _check_number(n: int, does: str, things: str, environment_id: str) -> None:
+    if n > _MOST_NAMES:
+        raise EnvironmentFaultError(
+            f"env.id={environment_id} must {does} at most {_MOST_NAMES} {things}, because each has a name in a tree; "
+            f"got {n}"
+        )
 
 
 def float32_bounds(space: spaces.Box) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

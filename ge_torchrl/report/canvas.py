@@ -63,7 +63,8 @@ def new_axes(title: str, solved_at: float | None) -> tuple[Figure, Axes]:
     figure = new_figure(6.4, 4.0)
     figure.set_layout_engine("constrained")
     axes = figure.add_subplot()
-    axes.set_title(title, loc="left")
+    # A name is no formula, whatever signs of a dollar it has.
+    axes.set_title(title, loc="left", parse_math=False)
     axes.spines[["top", "right"]].set_visible(False)
     if solved_at is not None:
         label = f"solved from {solved_at:g}"
@@ -79,11 +80,13 @@ def legend_beside(figure: Figure, handles: Sequence[Artist] | None = None) -> No
         handles: What the legend explains; None for all that has a label.
     """
     figure.set_figwidth(8.0)
-    figure.legend(
+    legend = figure.legend(
         handles=handles or figure.axes[0].get_legend_handles_labels()[0],
         frameon=False,
         loc="outside right upper",
     )
+    for text in legend.get_texts():
+        text.set_parse_math(False)
 
 
 def run_colours(n: int) -> list[str]:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ge_torchrl.printing import in_markdown
 from ge_torchrl.report.methods import refiner_of
 from ge_torchrl.report.sizes import SizedTree, SizeRow, are_of_one_run, by_size, sizes_table
 from ge_torchrl.report.tables import Form, RunRow, counted, runs_table
@@ -185,7 +186,8 @@ class SweepEvaluation:
             threshold = "" if method.solved_at is None else f", solved from {method.solved_at:g}"
             episodes = f"{self.episodes:,} episodes, seeds {self.seed} to {last}"
             setting = f", {method.setting}" if method.setting else ""
-            name = title.format(f"{method.environment} {method.method}{setting}")
+            name = f"{method.environment} {method.method}{setting}"
+            name = title.format(in_markdown(name) if form == "markdown" else name)
             parts.append(f"{name} ({episodes}, {method.route} route{threshold})")
             parts += [runs_table([run.row for run in method.runs]).told(form), line.format(method.in_short())]
             if sizes := method.sizes:

@@ -11,6 +11,7 @@ from zlib import crc32
 import numpy as np
 
 from ge_torchrl.artefacts.texts import told_of, write_text
+from ge_torchrl.printing import in_markdown
 from ge_torchrl.report.canvas import save_figure
 from ge_torchrl.report.drawing import save_tree
 from ge_torchrl.report.figures import convergence_figure, starts_of
@@ -59,7 +60,7 @@ def write_report(folder: Path, against: Path | None, output: Path) -> Path:
     for _, runs in groupby(found.runs, key=lambda run: run.environment):
         sections += _environment(list(runs), output, rng)
     if found.unreadable:
-        sections += ["## Left out", "\n".join(f"* {line}" for line in found.unreadable)]
+        sections += ["## Left out", "\n".join(f"* {in_markdown(line)}" for line in found.unreadable)]
     path = output / REPORT
     with told_of(output):
         output.mkdir(parents=True, exist_ok=True)
@@ -69,7 +70,7 @@ def write_report(folder: Path, against: Path | None, output: Path) -> Path:
 
 def _head(folder: Path, found: FoundRuns) -> str:
     return (
-        f"# Report of {folder.resolve().name}\n\n"
+        f"# Report of {in_markdown(folder.resolve().name)}\n\n"
         f"{counted(len(found.runs), 'finished run')}, read by ge_torchrl {__version__}. {_methods(found.runs)}. "
         "Numbers in brackets are 95 % intervals: Wilson's for rates, bootstrapped over runs for means and medians.\n\n"
         f"{overview_table(found.runs)}"
@@ -89,17 +90,18 @@ def _described(method: str) -> str:
 def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Iterator[str]:
     environment, solved_at = runs[0].environment, runs[0].summary.solved_at
     groups = {label: list(group) for label, group in groupby(runs, key=lambda run: run.label)}
-    yield f"## {environment}"
+    yield f"## {in_markdown(environment)}"
     if solved_at is not None:
         episodes = runs[0].summary.test_episodes
         yield f"Solved from a mean return of {solved_at:g} on {episodes} unseen episodes."
     for label, members in groups.items():
-        yield f"### {environment}: {label}\n\n{method_text(members, rng)}"
+        yield f"### {in_markdown(environment)}: {in_markdown(label)}\n\n{method_text(members, rng)}"
         method = members[0].method
         if refiner := refiner_of(method):
             published = published_beside(method, environment)
             theirs = "" if published is None else f"\n{refinements_of(published)}"
-            yield f"### {environment}: what {refiner} did in {label}\n\n{refinements_text(members)}{theirs}"
+            title = f"### {in_markdown(environment)}: what {refiner} did in {in_markdown(label)}"
+            yield f"{title}\n\n{refinements_text(members)}{theirs}"
     plain = [run for run in runs if run.method == GE]
     compared = {
         label: pairs
@@ -109,7 +111,7 @@ def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Ite
     for label, pairs in compared.items():
         if solved_at is not None:
             yield (
-                f"### {environment}: generations to solve, {label} and GE alone\n\n"
+                f"### {in_markdown(environment)}: generations to solve, {in_markdown(label)} and GE alone\n\n"
                 f"{comparison_text(pairs, solved_at, rng)}"
             )
     yield from _sizes(groups, output / "figures" / _slug(f"{environment}-sizes"))
@@ -124,7 +126,7 @@ def _environment(runs: list[Run], output: Path, rng: np.random.Generator) -> Ite
 def _figures(methods: Mapping[str, Sequence[Run]], stem: Path, rng: np.random.Generator) -> Iterator[str]:
     first = next(iter(methods.values()))[0]
     histories = {method: [run.history for run in runs] for method, runs in methods.items()}
-    yield f"### {first.environment}: figures"
+    yield f"### {in_markdown(first.environment)}: figures"
     starts = {method: starts_of(runs) for method, runs in methods.items()}
     anew = _ANEW * any(starts.values())
     figure = convergence_figure(
@@ -172,7 +174,8 @@ def _sizes(methods: Mapping[str, Sequence[Run]], path: Path) -> Iterator[str]:
         return
     first = next(iter(methods.values()))[0]
     for method, rows in rows_of.items():
-        yield f"### {first.environment}: the best trees of each size, {method}\n\n{sizes_table(rows).markdown()}"
+        title = f"### {in_markdown(first.environment)}: the best trees of each size, {in_markdown(method)}"
+        yield f"{title}\n\n{sizes_table(rows).markdown()}"
         if not are_of_one_run(rows):
             yield _BY_SIZE
     figure = sizes_figure(rows_of, title=first.environment, solved_at=first.summary.solved_at)
@@ -192,7 +195,8 @@ def _best_tree(method: str, run: Run, stem: Path) -> str:
     )
     decisions = counted(run.full.tree.num_decision_nodes, "decision node")
     return (
-        f"### {run.environment}: the best tree of {method}\n\n{_image(pruned, 'The tree', caption)}\n\n"
+        f"### {in_markdown(run.environment)}: the best tree of {in_markdown(method)}\n\n"
+        f"{_image(pruned, 'The tree', caption)}\n\n"
         f"[In full](trees/{full.name}): {decisions} before pruning."
     )
 

@@ -45,7 +45,8 @@ class Table(NamedTuple):
 
     def markdown(self) -> str:
         """Return Markdown, all columns but the first aligned to the right."""
-        lines = [self.head, ("---", *["---:"] * (len(self.head) - 1)), *self.rows]
+        cells = [[cell.replace("|", "\\|").replace("<", "\\<") for cell in row] for row in self.rows]
+        lines = [self.head, ("---", *["---:"] * (len(self.head) - 1)), *cells]
         return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
     def aligned(self) -> str:

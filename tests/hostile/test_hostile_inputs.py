@@ -1,6 +1,7 @@
 """Settings and files that somebody else made: all are read, or told of in one line."""
 
 import hostile_configurations
+import hostile_environments
 import hostile_folders
 import hostile_trees
 import pytest
@@ -11,7 +12,9 @@ from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.errors import ArtefactError
 
 
-@pytest.mark.parametrize("table", [hostile_configurations, hostile_folders, hostile_trees])
+@pytest.mark.parametrize(
+    "table", [hostile_configurations, hostile_environments, hostile_folders, hostile_trees]
+)
 def test_each_bad_file_is_told_in_one_line(table, tmp_path):
     wrong = {}
     for case in table.cases(tmp_path):

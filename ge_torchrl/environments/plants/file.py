@@ -15,6 +15,7 @@ from typing import Any
 
 from ge_torchrl.environments.plants.values import is_number
 from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.printing import said_of
 
 
 def found(file: str, dynamics: str) -> Path:
@@ -107,7 +108,7 @@ def run_file(path: Path, source: bytes, numbers: Mapping[str, float], dynamics: 
         ) from error
     except (Exception, SystemExit) as error:
         raise EnvironmentFaultError(
-            f"env.dynamics={dynamics} raised {' '.join(repr(error).split())} when {path.name} was read"
+            f"env.dynamics={dynamics} raised {said_of(error)} when {path.name} was read"
         ) from error
     return module
 
