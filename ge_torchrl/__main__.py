@@ -33,6 +33,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf._utils import get_omega_conf_dumper
 from omegaconf.errors import OmegaConfBaseException
 
+from ge_torchrl.artefacts.jobs import Sweep, Words
 from ge_torchrl.cli import RUN, verb_of
 from ge_torchrl.cli.choices import (
     as_meant,
@@ -48,7 +49,7 @@ from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR, JobFailedError
-from ge_torchrl.cli.sweeps import page_of_sweep
+from ge_torchrl.cli.sweeps import announce, page_of_sweep
 from ge_torchrl.cli.waiting import looked_at
 from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unreadable
 from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
@@ -104,7 +105,9 @@ def _run(arguments: list[str]) -> int:
     if options.config_name is None and options.config_path is None:
         options.overrides = with_environment(options.overrides)
     arguments = [*(word for word in arguments if word not in typed), *options.overrides]
-    _check(options)
+    jobs = _check(options)
+    if options.multirun:
+        announce(Sweep(jobs, tuple(arguments)))
     statuses, process = list[int](), os.getpid()
 
     def job(values: DictConfig) -> None:
@@ -145,9 +148,10 @@ def _job(values: DictConfig) -> int:
         if "joblib" in str(context.launcher.get("_target_")) and config.evaluation.threads == 0:
             # Jobs side by side share the cores: one thread each. Results do not depend on it.
             config = replace(config, evaluation=replace(config.evaluation, threads=1))
-        from ge_torchrl.run.experiment import run
+        from ge_torchrl.run.jobs import run_job
 
-        summary = run(config, Path(context.runtime.output_dir), open_console())
+        words = tuple(context.overrides.task) if context.mode == RunMode.MULTIRUN else None
+        summary = run_job(config, Path(context.runtime.output_dir), open_console(), words)
     except Exception as error:  # noqa: BLE001 - it is told and the exit status tells.
         if is_output_closed():
             return OUTPUT_CLOSED  # Whatever else went wrong followed from it.
@@ -155,7 +159,7 @@ def _job(values: DictConfig) -> int:
             return tell(error)
         traceback.print_exc()
         return FAULT
-    if summary.stopped_by == "interrupt" and context.mode == RunMode.MULTIRUN:
+    if summary is not None and summary.stopped_by == "interrupt" and context.mode == RunMode.MULTIRUN:
         # Ctrl-C ended the job with what it had found; whoever pressed it means the sweep.
         raise KeyboardInterrupt("the job has told what it found")
     return OK
@@ -165,27 +169,28 @@ def _composed(words: list[str]) -> Config:
     """Return the configuration of one run that these words would begin."""
     _prepare_hydra()
     options = options_of_run(get_args_parser(), with_environment(as_meant(words)))
-    (config,) = _configs(options)
+    ((_, config),) = _configs(options)
     return config
 
 
-def _check(options: argparse.Namespace) -> None:
-    """Compose and validate every job of the command line; nothing is written."""
+def _check(options: argparse.Namespace) -> tuple[Words, ...]:
+    """Compose and validate every job of the command line, and return their words; nothing is written."""
     if options.shell_completion or options.hydra_help:
-        return
-    configs = _configs(options)
+        return ()
+    jobs = _configs(options)
     if options.cfg or options.help or options.info:
-        return
+        return ()
     from ge_torchrl.run.plan import plan
 
     # The jobs of a sweep mostly share environment and grammar, which are made real once.
-    for config in {(config.env, config.grammar, config.ge): config for config in configs}.values():
+    for config in {(config.env, config.grammar, config.ge): config for _, config in jobs}.values():
         with looked_at(config.env.id):
             plan(config)
+    return tuple(words for words, _ in jobs)
 
 
-def _configs(options: argparse.Namespace) -> list[Config]:
-    """Return the configuration of every job of the command line."""
+def _configs(options: argparse.Namespace) -> list[tuple[Words, Config]]:
+    """Return the words of every job of the command line but Hydra's own, and its configuration."""
     conf = folder_from(options.config_path)
     sweep = options.multirun or "hydra.mode=MULTIRUN" in options.overrides
     with _in_our_words(), hydra.initialize_config_dir(str(conf), version_base=_VERSION_BASE):
@@ -204,7 +209,8 @@ def _configs(options: argparse.Namespace) -> list[Config]:
         for job in jobs_of(overrides):
             values = composed(job)
             _check_experiment(job, composed)
-            configs.append(_config_from(values))
+            words = tuple(word for word in job if not word.lstrip("+~").startswith("hydra"))
+            configs.append((words, _config_from(values)))
     return configs
 
 

@@ -10,6 +10,7 @@ from ge_torchrl.cli.environments import Compose, check, init
 from ge_torchrl.cli.evaluating import evaluate
 from ge_torchrl.cli.explaining import explain
 from ge_torchrl.cli.exporting import export
+from ge_torchrl.cli.following import status
 from ge_torchrl.cli.playing import play
 from ge_torchrl.cli.reporting import report
 from ge_torchrl.cli.resuming import resume
@@ -29,6 +30,7 @@ _PLAIN: Mapping[str, Verb] = MappingProxyType(
         "play": play,
         "report": report,
         "resume": resume,
+        "status": status,
     }
 )
 _COMPOSING: Mapping[str, Callable[[list[str], Compose], int]] = MappingProxyType(

@@ -1,22 +1,34 @@
-"""The end of a sweep: its page is written beside the folders of its runs."""
+"""The two ends of a sweep: its jobs are written down when it begins, and its page when it is over."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from ge_torchrl.artefacts.jobs import Sweep, write_sweep
+from ge_torchrl.errors import ArtefactError
+
 _folders: list[Path] = []
+_announced: list[Sweep] = []
+
+
+def announce(sweep: Sweep) -> None:
+    """Tell which jobs the sweep will have that is about to begin."""
+    _announced[:] = [sweep]
 
 
 class SweepFolder:
     """Remembers where a sweep leaves its runs: Hydra calls it, as `hydra.callbacks` of conf/config.yaml names it."""
 
     def on_multirun_start(self, config: Any, **_: object) -> None:
-        """Remember the folder of the sweep that begins."""
+        """Remember the folder of the sweep that begins, and write its jobs there."""
         _folders[:] = [Path(str(config.hydra.sweep.dir))]
+        for sweep in _announced:
+            with suppress(ArtefactError):  # Hydra tells of a folder that cannot be written.
+                write_sweep(_folders[0], sweep)
 
     def on_run_start(self, **_: object) -> None:
         """Forget a sweep that was broken off, since a single run begins."""

@@ -9,6 +9,7 @@ from documents_for_tests import CONTROLLER
 from sweeps_for_tests import write_run
 
 from ge_torchrl.__main__ import main
+from ge_torchrl.artefacts.jobs import Sweep, write_sweep
 from ge_torchrl.cli import VERBS
 from ge_torchrl.report import canvas
 from ge_torchrl.trees.files import write_controller
@@ -23,6 +24,7 @@ LINES = {
     "play": ["tree.json", "--steps", "2", "--out", "episode.gif"],
     "report": ["runs"],
     "resume": ["runs/0"],
+    "status": ["runs"],
 }
 
 
@@ -51,6 +53,7 @@ def test_what_a_command_prints_is_ascii(verb, tmp_path, monkeypatch):
     monkeypatch.setattr(canvas, "find_spec", lambda _: None)
     write_controller(tmp_path / "tree.json", CONTROLLER)
     write_run(tmp_path / "runs" / "0")
+    write_sweep(tmp_path / "runs", Sweep((("seed=3",),), ("-m", "seed=3")))
     output, errors = printed([verb, *LINES[verb]], monkeypatch)
     assert output
     assert re.search(r"\?(?!\s)", output) is None

@@ -50,6 +50,7 @@ def run(config, output_dir, console):
         print(line)
     return types.SimpleNamespace(stopped_by="generations")
 room.run, room.plan = run, lambda config: None
+room.resume = room.is_finished = None
 sys.modules["ge_torchrl.run.experiment"] = sys.modules["ge_torchrl.run.plan"] = room
 from ge_torchrl.__main__ import main
 sys.exit(main(["seed=1"]))

@@ -19,7 +19,7 @@ from pages_for_tests import (
 
 import ge_torchrl
 from ge_torchrl import __main__ as command_line
-from ge_torchrl.artefacts import controllers
+from ge_torchrl.artefacts import controllers, jobs
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.cli import RUN, VERBS
 from ge_torchrl.cli.choices import with_environment
@@ -110,6 +110,7 @@ def test_a_verb_that_is_printed_takes_its_arguments(arguments, experiment, monke
         (controllers, "named_controller"),
         (starting_file, "write_starting_file"),
         (experiment, "resume"),
+        (jobs, "find_sweeps"),
     ):
         monkeypatch.setattr(room, name, stop)
     status = command_line.main(arguments)

@@ -25,6 +25,9 @@ class FakeExperiment(types.ModuleType):
             stopped_by="interrupt" if config.seed in self.interrupted else "generations"
         )
 
+    def is_finished(self, path):
+        return (path / "summary.json").exists()
+
     def resume(self, _path, _console):
         return None
 
