@@ -117,7 +117,8 @@ def _texts(folder: RunFolder, run: Run) -> dict[str, str]:
             element("p", f"Warning: {warning}", class_="note") for warning in summary.warnings
         ),
         "rule_text": read_rule(folder),
-        "command": _COMMAND,
+        # Words stay whole, hyphens and all.
+        "command": Markup(" ".join(element("span", word, class_="word") for word in _COMMAND.split())),
         "settings": table(("setting", "value"), [*_settings(run)], caption="What the run was given"),
         "costs": table(
             ("steps of the environment for", "steps"),

@@ -241,6 +241,19 @@ def test_every_environment_is_drawn_and_moves(browser, tmp_path, environment):
     if environment == "Other-v0":
         assert "<img" in text(browser, "#rule")
         assert browser.execute_script("return [...document.images].map((image) => image.hidden)") == [True]
+        assert "drew no picture" in text(browser, "#scene .note")
+
+
+def test_what_is_printed_is_drawn_as_wide_as_paper(browser, page):
+    opened(browser, page)
+    widths = "return [...document.querySelectorAll('svg.chart')].map((chart) => chart.getAttribute('width'))"
+    fire = "dispatchEvent(new Event(arguments[0]))"
+    before = browser.execute_script(widths)
+    browser.execute_script(fire, "beforeprint")
+    assert set(browser.execute_script(widths)) == {"660"}
+    browser.execute_script(fire, "afterprint")
+    assert browser.execute_script(widths) == before
+    assert complaints(browser) == []
 
 
 def test_pictures_of_an_episode_are_shown_at_their_steps(browser, tmp_path):
@@ -258,6 +271,7 @@ def test_pictures_of_an_episode_are_shown_at_their_steps(browser, tmp_path):
         shown.append(browser.execute_script(source).partition("base64,")[2])
         click(browser, "#forward")
     assert shown == [first] * 5 + [second] * 2
+    assert browser.execute_script("return document.querySelector('#scene .note').hidden")
     assert complaints(browser) == []
 
 

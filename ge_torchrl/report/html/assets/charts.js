@@ -7,7 +7,8 @@ const niceStep = (span, most) => {
 const ticksOf = ([low, high], most, least = 0) => {
   const step = Math.max(least, niceStep(high - low, most)), ticks = [];
   for (let i = Math.ceil(low / step - 1e-9); i * step <= high + step * 1e-9; i++) ticks.push(Number((i * step).toPrecision(12)));
-  return ticks;
+  // One tick alone says nothing of the scale.
+  return ticks.length < 2 && !least && most < 9 ? ticksOf([low, high], most + 1) : ticks;
 };
 const tickText = (value) => minus(String(Math.abs(value) >= 1e5 ? value.toExponential(0) : value));
 
@@ -32,7 +33,7 @@ const chartOf = (room, height, xs, ys, across, up, label, whole = false) => {
   const left = 60, top = 10, wide = room - left - 14, high = height - top - 44;
   const px = (value) => left + ((value - xs[0]) / (xs[1] - xs[0] || 1)) * wide;
   const py = (value) => top + high - ((value - ys[0]) / (ys[1] - ys[0] || 1)) * high;
-  const root = svg("svg", { width: room, height, role: "img", "aria-label": label });
+  const root = svg("svg", { class: "chart", viewBox: `0 0 ${room} ${height}`, width: room, height, role: "img", "aria-label": label });
   const id = `cut-${label.replace(/\W+/g, "-")}`, axes = svg("g"), inside = svg("g", { "clip-path": `url(#${id})` }), above = svg("g");
   axesInto(axes, { xs, ys, px, py, left, top, wide, high, across, up, whole });
   root.append(svg("clipPath", { id }, svg("rect", { x: left, y: top - 6, width: wide + 8, height: high + 12 })), axes, inside, above);
@@ -43,7 +44,9 @@ const solvedInto = (chart, ys) => {
   if (at === null || at < ys[0] || at > ys[1]) return;
   const y = chart.py(at);
   chart.inside.append(svg("line", { class: "solved-line", x1: chart.left, x2: chart.left + chart.wide, y1: y, y2: y }));
-  chart.above.append(svg("text", { class: "solved-text", x: chart.left + chart.wide, y: y + 14, "text-anchor": "end" }, `solved from ${figures(at, 6)}`));
+  // Below its line, unless the axis is there.
+  const below = y + 20 < chart.py(ys[0]);
+  chart.above.append(svg("text", { class: "solved-text", x: chart.left + chart.wide, y: below ? y + 14 : y - 5, "text-anchor": "end" }, `solved from ${figures(at, 6)}`));
 };
 const padded = (values, share = 0.08) => {
   const low = Math.min(...values), high = Math.max(...values), room = (high - low) * share || Math.abs(high) * 0.02 || 1;

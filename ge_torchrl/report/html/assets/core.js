@@ -114,9 +114,14 @@ const observationNow = () => {
   return episode ? episode.observations.subarray(view.step * width, (view.step + 1) * width) : null;
 };
 
-// Draws again where the place becomes wider or narrower.
+// What is printed is drawn as wide as a page of A4 or Letter within its margins.
+const PAPER = 660;
+
+// Draws again where the place becomes wider or narrower, and for paper.
 const onWidth = (place, drawn) => {
   let last = 0;
+  addEventListener("beforeprint", () => last && drawn(PAPER));
+  addEventListener("afterprint", () => last && drawn(last));
   new ResizeObserver(() => {
     const now = Math.floor(place.clientWidth);
     if (now > 0 && now !== last) {

@@ -193,10 +193,12 @@ const gauges = (root) => {
 // The picture of the step shown, or the last one before it.
 const pictured = (place) => {
   const image = html("img", { class: "picture", alt: "The environment, drawn by itself" });
-  place.prepend(image);
+  const none = html("p", { class: "note" }, "The environment drew no picture of itself here. What it observes:");
+  place.prepend(image, none);
   return () => {
     const pictures = episodeNow()?.pictures ?? [];
     image.hidden = pictures.length === 0;
+    none.hidden = pictures.length > 0 || !episodeNow();
     const last = pictures.filter(([step]) => step <= view.step).at(-1);
     if (last && /^[A-Za-z0-9+/=]*$/.test(last[1])) image.src = `data:image/png;base64,${last[1]}`;
   };

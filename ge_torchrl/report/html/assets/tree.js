@@ -113,6 +113,7 @@ const drawnTree = (tree, room) => {
   if (outlined) size = placedAsOutline(tree, boxes);
   const scale = Math.min(1, Math.max(room / size.width, 0.72));
   const root = svg("svg", {
+    class: outlined ? null : "from-top",
     width: size.width * scale,
     height: size.height * scale,
     viewBox: `0 0 ${size.width} ${size.height}`,
