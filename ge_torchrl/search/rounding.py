@@ -54,9 +54,12 @@ def round_kept(problem: Problem, state: SearchState) -> SearchState:
                 archive = offer(problem, replace(archive, members=others), [contender])
     except LimitReachedError as limit:
         reached.append(limit.reason)
-    if reached and archive is state.archive:
+    if archive is not state.archive:
+        # The fittest refined tree was offered as well: as it was, it would compete with its own rounded self.
+        return replace(state, archive=archive, best_refined=None)
+    if reached:
         _logger.warning("ge.%s left no room to round the rules.", reached[0])
-    return replace(state, archive=archive)
+    return state
 
 
 def rounded(problem: Problem, tree: DecisionTree, reached: list[str]) -> DecisionTree:

@@ -62,6 +62,21 @@ def test_the_last_refinement_leaves_room_for_rounding(tmp_path):
     assert "ge.max_env_steps left no room to round the rules." not in summary.warnings
 
 
+def test_no_tree_competes_with_its_rounded_self(tmp_path, monkeypatch):
+    states = []
+
+    def watched(problem, state):
+        states[:] = state, round_kept(problem, state)
+        return states[1]
+
+    monkeypatch.setattr(running, "round_kept", watched)
+    run(small(PENDULUM), tmp_path / "run")
+    before, after = states
+    assert before.best_refined is not None
+    assert after.archive != before.archive
+    assert after.best_refined is None
+
+
 def test_rounding_that_had_no_room_is_told(tmp_path, monkeypatch):
     def all_that_is_left(problem, state):
         problem.backend.limit = Limit(max_env_steps=1)
