@@ -23,6 +23,9 @@ FAULTS = (Exception, SystemExit)
 GymEnvironment = gym.Env[Any, Any]
 
 
+_BOX2D = '; for Box2D environments: pip install -c constraints.txt -e ".[box2d]"'
+
+
 def make(
     environment_id: str,
     max_episode_steps: int | None,
@@ -54,14 +57,14 @@ def make(
         )
     except EnvironmentFaultError:
         raise
-    except gym.error.DependencyNotInstalled as error:
-        raise EnvironmentFaultError(
-            f"env.id={environment_id} needs packages that are not installed ({one_line(error)}); "
-            f'for Box2D environments: pip install -c constraints.txt -e ".[box2d]"'
-        ) from error
     except gym.error.DeprecatedEnv as error:
         raise EnvironmentFaultError(f"env.id={environment_id}: {one_line(error)}") from error
     except (gym.error.Error, ImportError) as error:
+        if isinstance(error, gym.error.DependencyNotInstalled) or environment_id in gym.registry:
+            raise EnvironmentFaultError(
+                f"env.id={environment_id} needs packages that are not installed ({one_line(error)})"
+                + (_BOX2D if "box2d" in str(error).lower() else "")
+            ) from error
         raise EnvironmentFaultError(
             f"env.id must be the id of an installed Gymnasium environment, as in env.id=CartPole-v1, with the module "
             f"that registers it in front unless that is Gymnasium itself, as in env.id=module:Name-v0; "

@@ -19,6 +19,19 @@ def test_unknown_environment_is_named(environment_id):
     assert "\n" not in str(caught.value)
 
 
+def test_a_known_environment_without_its_packages_is_told_what_is_missing(monkeypatch):
+    def of_no_module(**_):
+        raise ModuleNotFoundError("No module named 'drawing'")
+
+    monkeypatch.setitem(
+        gym.registry, "Bare-v0", gym.envs.registration.EnvSpec("Bare-v0", entry_point=of_no_module)
+    )
+    with pytest.raises(EnvironmentFaultError) as caught:
+        describe("Bare-v0")
+    told = "env.id=Bare-v0 needs packages that are not installed (No module named 'drawing')"
+    assert str(caught.value) == told
+
+
 def test_arguments_and_wrappers_are_kept():
     described = describe(
         "MountainCar-v0", kwargs={"goal_velocity": 0.01}, wrappers=("environments_for_tests:DoubledReward",)
