@@ -17,7 +17,10 @@ TODAYS_PAGES = tuple(path for path in PAGES if path != OF_AN_EARLIER_VERSION)
 
 # Programs that a page may call, and those that a page alone may call, since the test of that page runs them.
 PROGRAMS = ("python", "ge-torchrl", "make", "source", ".venv/bin/pip", "pip")
-PROGRAMS_OF_A_PAGE = {"microcontroller.md": ("cc", "./motor", "arm-none-eabi-gcc", "arm-none-eabi-size")}
+PROGRAMS_OF_A_PAGE = {
+    "first_run.md": ("pipx",),
+    "microcontroller.md": ("cc", "./motor", "arm-none-eabi-gcc", "arm-none-eabi-size"),
+}
 
 _LANGUAGES = ("", "c", "dot", "iecst", "latex", "mermaid", "pycon", "python", "sh", "text", "yaml")
 _DIRECTIVES = ("{eval-rst}", "{include} ../README.md", "{toctree}")
