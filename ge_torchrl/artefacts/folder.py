@@ -31,7 +31,7 @@ from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, Refine
 from ge_torchrl.artefacts.texts import told_of, write_text
 from ge_torchrl.config import Config, without_gone
 from ge_torchrl.errors import ArtefactError
-from ge_torchrl.reading import MOST_SETTINGS_BYTES, is_there, read_text, yaml_of
+from ge_torchrl.reading import MOST_SETTINGS_BYTES, is_folder, is_there, name_of, read_text, yaml_of
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.files import read_controller
 from ge_torchrl.trees.files import to_json as tree_to_json
@@ -219,8 +219,12 @@ class RunFolder(Journal):
 
 def find_runs(folder: Path) -> Iterator[RunFolder]:
     """Yield the finished runs in a folder and below it, in the order of their paths."""
-    for path in sorted(folder.rglob(SUMMARY)):
+    for path in sorted(folder.rglob(SUMMARY)) if is_folder(folder) else ():
         yield RunFolder(path.parent)
+
+
+def _histories(folder: Path) -> list[Path]:
+    return sorted(folder.rglob(HISTORY)) if is_folder(folder) else []
 
 
 def none_found(folder: Path, unreadable: Sequence[str]) -> ArtefactError:
@@ -231,10 +235,8 @@ def none_found(folder: Path, unreadable: Sequence[str]) -> ArtefactError:
         unreadable: For every finished run a line that says why it cannot be read.
     """
     reason = f"; {unreadable[0]}" if unreadable else ""
-    unfinished = [
-        path.parent for path in sorted(folder.rglob(HISTORY)) if not (path.parent / SUMMARY).exists()
-    ]
+    unfinished = [path.parent for path in _histories(folder) if not (path.parent / SUMMARY).exists()]
     if unfinished and not unreadable:
         many = f", and {len(unfinished) - 1} more," * (len(unfinished) > 1)
         reason = f", but {unfinished[0]}{many} without {SUMMARY}: a run that goes on, or broke off"
-    return ArtefactError(f"expected a folder with finished runs; found none in {folder}{reason}")
+    return ArtefactError(f"expected a folder with finished runs; found none in {name_of(folder)}{reason}")
