@@ -17,6 +17,7 @@ from ge_torchrl.artefacts.episodes import BEST, CHAMPION, FULL, MEDIAN, WORST, E
 from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.environments.backend import Backend, LimitReachedError, Trajectory
 from ge_torchrl.environments.pictures import pictures_of
+from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report.html.scenes import DRAWN
 from ge_torchrl.run.progress import print_line
 from ge_torchrl.search.conclusion import TEST, VALIDATION, Verdict
@@ -71,9 +72,15 @@ def record_episodes(problem: Problem, verdict: Verdict) -> Episodes:
 
 
 def keep_episodes(artefacts: Artefacts, problem: Problem, verdict: Verdict) -> None:
-    """Record episodes and leave them with what the run leaves; a failure is told in one line."""
+    """Record episodes and leave them with what the run leaves; a failure is told in one line.
+
+    Raises:
+        ArtefactError: The disk is full: what follows could not be written either, and the run can go on later.
+    """
     try:
         artefacts.write_episodes(record_episodes(problem, verdict))
+    except ArtefactError:
+        raise
     except Exception as error:  # noqa: BLE001 - as above.
         _logger.warning("The episodes could not be written: %s", " ".join(str(error).split()))
 
