@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ge_torchrl.cli.output import open_console
-from ge_torchrl.cli.parser import Parser
+from ge_torchrl.cli.parser import Parser, add_trust
 from ge_torchrl.cli.statuses import OK
 
 
@@ -15,10 +15,14 @@ def resume(arguments: list[str]) -> int:
         "It ends as if it had been left alone.",
     )
     parser.add_argument("path", metavar="RUN", type=Path, help="the run's folder")
-    path = parser.parse_args(arguments).path
+    add_trust(parser)
+    options = parser.parse_args(arguments)
 
+    from ge_torchrl.environments.trust import trusting
     from ge_torchrl.run.experiment import resume as go_on
 
-    if go_on(path, open_console()) is None:
-        print(f"the run in {path} has come to its end: there is nothing to go on with")
+    with trusting(vouched=options.trust):
+        summary = go_on(options.path, open_console())
+    if summary is None:
+        print(f"the run in {options.path} has come to its end: there is nothing to go on with")
     return OK

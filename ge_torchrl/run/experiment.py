@@ -15,6 +15,7 @@ from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.artefacts.records import Summary
 from ge_torchrl.config import Config
 from ge_torchrl.environments.choose import open_backend
+from ge_torchrl.environments.trust import check_trusted
 from ge_torchrl.run.closing import closing_text
 from ge_torchrl.run.episodes import write_page_of_run
 from ge_torchrl.run.finished import Finished, Observer
@@ -62,7 +63,9 @@ def resume(path: Path, console: Console | None = None) -> Summary | None:
         return None
     folder = RunFolder.reopen(path)
     try:
-        return _to_the_end(folder.read_config(), lambda _: folder, path, console)
+        config = folder.read_config()
+        check_trusted(config.env.id, config.env.wrappers, path)
+        return _to_the_end(config, lambda _: folder, path, console)
     finally:
         folder.release()
 

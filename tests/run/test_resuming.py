@@ -305,3 +305,13 @@ class TestDamaged:
         with pytest.raises(ArtefactError, match=r"history\.jsonl:4 is damaged: its crc32"):
             RunFolder(tmp_path).read_history()
         assert without_clock(alone / "history.jsonl")
+
+
+def test_code_that_a_run_of_somebody_elses_names_does_not_run_unless_the_user_says_so(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "downloaded_environment.py").write_text("raise SystemExit")
+    settings = config(env={"id": "downloaded_environment:Cart-v0"})
+    RunFolder.create(tmp_path / "run", settings).release()
+    with pytest.raises(ArtefactError, match="names code that would run here, downloaded_environment"):
+        resume(tmp_path / "run")
