@@ -38,7 +38,6 @@ _TOKEN = re.compile(
     |(?P<unknown>.)""",
     re.VERBOSE | re.DOTALL,
 )
-# Rules and characters: more than a machine writes for hundreds of features.
 _MAX_DIGITS, _MAX_NESTING, _MAX_RULES, _MAX_CHARACTERS = 15, 50, 1000, 4_000_000
 
 _Words = Mapping[str, tuple[type[Feature | Action], int]]

@@ -134,7 +134,10 @@ CONF = ROOT / "conf"
             ["evaluate", "tree", "--episodes", "0"],
             "argument --episodes: must be an integer from 1 to 1000000; got 0",
         ),
-        (["evaluate", "tree", "--seed", "x"], "argument --seed: must be an integer from 0 to 4611686018427387904; got x"),
+        (
+            ["evaluate", "tree", "--seed", "x"],
+            "argument --seed: must be an integer from 0 to 4611686018427387904; got x",
+        ),
         (["evaluate", "tree", "--route", "x"], "argument --route: invalid choice: 'x'"),
         (["evaluate", "run", "--nodes", "-1"], "argument --nodes: must be an integer of at least 0; got -1"),
         (["evaluate", "tree", "--foo"], "unrecognized arguments: --foo"),
