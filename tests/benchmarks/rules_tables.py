@@ -43,9 +43,9 @@ RULES = (
     Row("mountaincar_continuous", "linear laws", 98.5, 2, 10_000, "PPO 88.3, ARS 96.7"),
     Row("lunarlander", "weighted sums", 265.0, 5, 1000, "DQN 154, PPO 242.1"),
     Row("lunarlander_axis", "one feature a split", 180.0, 19, 1000, "DQN 154, PPO 242.1"),
-    Row("acrobot", "weighted sums", -77.5, 1, 10_000, "QR-DQN -69.1"),
-    Row("acrobot", "weighted sums", -74.5, 2, 10_000, "QR-DQN -69.1"),
-    Row("acrobot", "weighted sums", -69.1, 6, 10_000, "QR-DQN -69.1"),
+    Row("acrobot", "weighted sums, 1 split", -77.5, 1, 10_000, "QR-DQN -69.1"),
+    Row("acrobot", "weighted sums, 2 splits", -74.5, 2, 10_000, "QR-DQN -69.1"),
+    Row("acrobot", "weighted sums, 6 splits", -69.1, 6, 10_000, "QR-DQN -69.1"),
     Row("flappybird", "weighted sums", 250.0, 2, 200, ""),
 )
 
