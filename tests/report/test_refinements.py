@@ -89,7 +89,7 @@ def test_refinements_in_words(tmp_path):
         "| in all | 2 | 1 | 1 |\n"
         "| return after > fitness before, as the thesis counts | 1 | 0 | 0 |\n"
         "| return after > return before, on the same unseen episodes | 1 | 0 | 1 |\n"
-        "| return after < return before | 0 | 1 | 0 |\n"
+        "| return after \\< return before | 0 | 1 | 0 |\n"
         "| best of its generation | 1 | 0 | 1 |\n"
         "| written back into the population | 1 | 0 | 0 |\n"
         "| some parameter moved | 2 | 1 | 1 |\n"
