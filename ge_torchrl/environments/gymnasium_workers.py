@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -83,6 +84,19 @@ def _modules_of(spec: EnvironmentSpec, registered: Any) -> list[str]:
     return list(dict.fromkeys(module for text in named if (module := text.rpartition(":")[0])))
 
 
+def worker_died(environment_id: str) -> EnvironmentFaultError:
+    """Return the error of a worker process that ended by itself."""
+    main = sys.modules["__main__"]
+    is_script = getattr(main, "__file__", None) is not None and getattr(main, "__spec__", None) is None
+    script = (
+        '; a script needs its calls below if __name__ == "__main__":, since workers read it too' * is_script
+    )
+    return EnvironmentFaultError(
+        f"a worker process of env.id={environment_id} died; env.workers=1 runs the environment in this process, "
+        f"where its last words can be read{script}"
+    )
+
+
 def spawning() -> SpawnContext:
     """Return what starts processes anew, also within a process that joblib started.
 
@@ -152,10 +166,7 @@ class Workers:
             return [future.result() for future in futures]
         except BrokenProcessPool as error:
             self.is_usable = False
-            raise EnvironmentFaultError(
-                f"a worker process of env.id={self._id} died; env.workers=1 runs the environment in this process, "
-                f"where its last words can be read"
-            ) from error
+            raise worker_died(self._id) from error
         except BaseException:
             # If Ctrl-C ends the wait, or comes before it, nobody knows who still plays.
             self.is_usable = False

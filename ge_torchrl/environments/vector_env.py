@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import available_cores
 from ge_torchrl.environments.border import Border, random_action
-from ge_torchrl.environments.gymnasium_workers import portable, spawning, unpack
+from ge_torchrl.environments.gymnasium_workers import portable, spawning, unpack, worker_died
 from ge_torchrl.environments.shared_arrays import Arrays, Memory
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.environments.witness import Witness
@@ -225,10 +225,7 @@ class _Other:
     def end(self) -> Exception | None:
         while not self._line.ended.acquire(timeout=_WATCH_SECONDS):
             if not self._process.is_alive():
-                return EnvironmentFaultError(
-                    f"a worker process of env.id={self._id} died; env.workers=1 runs the environment in this process, "
-                    f"where its last words can be read"
-                )
+                return worker_died(self._id)
         fault: Exception | None = self._line.pipe.recv() if self._line.is_fault.value else None
         return fault
 

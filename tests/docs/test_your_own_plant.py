@@ -15,6 +15,7 @@ from ge_torchrl.__main__ import main
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.environments.kernel_backend import KernelBackend
 from ge_torchrl.environments.spec import describe, make_gymnasium
+from ge_torchrl.trees.files import read_controller
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -182,3 +183,12 @@ def test_the_kernel_is_a_hundred_times_as_fast_as_a_loop_over_gymnasium(monkeypa
             environment.step(np.zeros(1, np.float32))
         slow = 500 / (time.process_time() - started)
     assert fast > 100 * slow
+
+
+def test_trees_that_are_kept_here_are_of_the_plants_as_they_are(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    kept = [read_controller(path).names for path in sorted((ROOT / "docs" / "trees").glob("*.json"))]
+    plants = [names for names in kept if names.source]
+    assert plants
+    for names in plants:
+        assert describe(names.id).names.source == names.source
