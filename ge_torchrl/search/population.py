@@ -7,13 +7,16 @@ next population is a function of this one, the configuration and the generation'
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import LimitReachedError
+from ge_torchrl.errors import UnencodableTreeError
 from ge_torchrl.ge.codons import Codons
+from ge_torchrl.ge.encoding import encode
 from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.ge.operators import crossover_one_point, mutate_uniform, random_population
 from ge_torchrl.ge.selection import replace_parents, tournament
@@ -22,6 +25,7 @@ from ge_torchrl.search.problem import Problem
 from ge_torchrl.seeding import stream
 from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.simplify import simplify
+from ge_torchrl.trees.tree import DecisionTree
 
 TRAINING = "training"
 """The purpose that steps of measuring populations are counted under."""
@@ -96,11 +100,12 @@ def map_simplified(problem: Problem, codons: Codons) -> Forest:
 
 
 def first_population(problem: Problem, generation: int = 0) -> Evolved:
-    """Return a random population; one beyond generation 0 begins the search anew."""
+    """Return a random population, in which one may rest; one beyond generation 0 begins the search anew."""
     ge, started = problem.config.ge, time.perf_counter()
     name = "first population" + (f", generation {generation}" if generation else "")
     rng = stream(problem.config.seed, name)
     codons = random_population(ge.population_size, ge.genotype_length, rng)
+    _let_one_rest(problem, codons)
     forest = map_simplified(problem, codons)
     mapped = time.perf_counter()
     fitness = _measure(problem, forest, generation)
@@ -111,6 +116,20 @@ def first_population(problem: Problem, generation: int = 0) -> Evolved:
         evaluation_seconds=time.perf_counter() - mapped,
         variation_seconds=mapped - started,
     )
+
+
+def _let_one_rest(problem: Problem, codons: Codons) -> None:
+    """Make the first genotype that of the leaf that does nothing, where actions are numbers and the grammar has it.
+
+    Ant earns a thousand by standing still, which no random tree comes near.
+    """
+    spec = problem.backend.spec
+    if spec.is_continuous:
+        nothing = np.clip(0, spec.action_low, spec.action_high).tolist()
+        with suppress(UnencodableTreeError):
+            codons[0] = encode(
+                DecisionTree.value_leaf(nothing), codons[0], problem.tables, problem.config.ge.wraps
+            )
 
 
 def next_population(problem: Problem, population: Population, generation: int) -> Evolved:

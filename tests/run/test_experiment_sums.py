@@ -1,5 +1,7 @@
 """Whole runs of trees that weigh features, and of environments whose actions are numbers."""
 
+from dataclasses import replace
+
 import pytest
 from runs_for_tests import assert_same_bytes, config, run
 
@@ -7,6 +9,7 @@ from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.environments.ledger import Limit
 from ge_torchrl.report.evaluation import evaluate
 from ge_torchrl.run import running
+from ge_torchrl.search.archive import REFINEMENT, Contender
 from ge_torchrl.search.rounding import round_kept
 
 LITTLE_PPO = {"max_timesteps": 400, "update_timesteps": 200, "epochs": 2, "snapshot_episodes": 5}
@@ -66,13 +69,15 @@ def test_no_tree_competes_with_its_rounded_self(tmp_path, monkeypatch):
     states = []
 
     def watched(problem, state):
+        # Whether PPO betters a tree in so short a run is luck.
+        refined = Contender(state.archive.members[-1].tree, 0.0, REFINEMENT)
+        state = replace(state, best_refined=refined)
         states[:] = state, round_kept(problem, state)
         return states[1]
 
     monkeypatch.setattr(running, "round_kept", watched)
     run(small(PENDULUM), tmp_path / "run")
     before, after = states
-    assert before.best_refined is not None
     assert after.archive != before.archive
     assert after.best_refined is None
 

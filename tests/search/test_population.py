@@ -1,17 +1,24 @@
 """A generation of grammatical evolution as a function of the one before."""
 
 import itertools
+from contextlib import closing
 
 import numpy as np
 import pytest
 from forests_for_tests import simplify_one
-from problems_for_tests import Analytic, Noting, cartpole, problem_of
+from problems_for_tests import Analytic, Noting, cartpole, config_of, problem_of
 
 from ge_torchrl.environments.backend import Limit, LimitReachedError
+from ge_torchrl.environments.kernel_backend import KernelBackend
+from ge_torchrl.environments.spec import describe
+from ge_torchrl.ge.grammar import read_grammar
 from ge_torchrl.ge.mapping import map_population
+from ge_torchrl.ge.rule_tables import compile_rules
 from ge_torchrl.search.fitness import WORST_FITNESS, fitness_of, measure, training_seeds
 from ge_torchrl.search.population import TRAINING, first_population, newcomers, next_population
+from ge_torchrl.search.problem import Problem
 from ge_torchrl.trees.forest import Forest
+from ge_torchrl.trees.tree import DecisionTree
 
 
 @pytest.fixture(scope="module")
@@ -192,3 +199,16 @@ def test_measuring_is_one_scale_for_parents_and_offspring(backend):
     forest = Forest.stack([last.forest.tree(last.best)])
     fitness = measure(backend, forest, training_seeds(problem.config, 2), "test", 0.5)
     assert fitness[0] == last.fitness[last.best]
+
+
+@pytest.mark.parametrize(
+    ("torques", "first"),
+    [("act([-2, 2] step 0.5)", [0.0]), ("act([1, 2] step 0.5)", [1.0]), ("act([1, 2] step 0.5 * x0)", None)],
+)
+def test_one_does_nothing_at_first_where_actions_are_numbers(torques, first):
+    bnf = f"<dt> ::= {torques} | if lt(x2, [-1, 1] step 0.5) then <dt> else <dt>"
+    tables = compile_rules(read_grammar(bnf, ["x0", "x1", "x2"], ["a0"], continuous=True))
+    with closing(KernelBackend(describe("Pendulum-v1"), 1)) as backend:
+        problem = Problem(config_of(), tables, backend, refiner=None, polisher=None)
+        population = first_population(problem).population
+    assert (population.forest.tree(0) == DecisionTree.value_leaf(first or [0.0])) == (first is not None)
