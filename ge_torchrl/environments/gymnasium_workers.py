@@ -10,7 +10,6 @@ import multiprocessing
 import os
 import pickle
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -18,7 +17,7 @@ from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing.context import SpawnContext
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import gymnasium as gym
 
@@ -27,6 +26,7 @@ from ge_torchrl.environments.making import FAULTS
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.registry import registered_id
 from ge_torchrl.environments.spec import EnvironmentSpec
+from ge_torchrl.environments.worker_faults import worker_died
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.interrupts import INTERRUPTS, held_back
 
@@ -72,8 +72,7 @@ def unpack(sent: bytes) -> EnvironmentSpec:
         ) from error
     if registered is not None:
         gym.registry.setdefault(registered.id, registered)
-    described: EnvironmentSpec = spec
-    return described
+    return cast("EnvironmentSpec", spec)
 
 
 def _modules_of(spec: EnvironmentSpec, registered: Any) -> list[str]:
@@ -82,19 +81,6 @@ def _modules_of(spec: EnvironmentSpec, registered: Any) -> list[str]:
     # A plant's file is no module; whoever makes the environment finds it.
     named = ["" if names_plant(spec.id) else spec.id, entry_point if isinstance(entry_point, str) else ""]
     return list(dict.fromkeys(module for text in named if (module := text.rpartition(":")[0])))
-
-
-def worker_died(environment_id: str) -> EnvironmentFaultError:
-    """Return the error of a worker process that ended by itself."""
-    main = sys.modules["__main__"]
-    is_script = getattr(main, "__file__", None) is not None and getattr(main, "__spec__", None) is None
-    script = (
-        '; a script needs its calls below if __name__ == "__main__":, since workers read it too' * is_script
-    )
-    return EnvironmentFaultError(
-        f"a worker process of env.id={environment_id} died; env.workers=1 runs the environment in this process, "
-        f"where its last words can be read{script}"
-    )
 
 
 def spawning() -> SpawnContext:

@@ -25,9 +25,9 @@ from ge_torchrl.environments.backend import (
 )
 from ge_torchrl.environments.gymnasium_runner import LedgerWatch, Runner
 from ge_torchrl.environments.kernel_choice import dynamics_of
+from ge_torchrl.environments.kernel_probe import probing_trees
 from ge_torchrl.environments.kernel_sampler import CHUNK_STEPS, KernelSampler, action_bounds, ranges
-from ge_torchrl.environments.kernels.dynamics import DYNAMICS, Dynamics
-from ge_torchrl.environments.kernels.lanes import LANES, OBSERVATION
+from ge_torchrl.environments.kernels.dynamics import DYNAMICS
 from ge_torchrl.environments.kernels.recording import Recording, record_steps
 from ge_torchrl.environments.kernels.rollouts import run_forest
 from ge_torchrl.environments.spec import EnvironmentSpec
@@ -48,7 +48,7 @@ _CHUNK_PART = 0.05
 _STARTS_PER_BLOCK = 32
 # Drawing the first states of a million episodes takes a second: between so many the limit is looked at.
 _EPISODES_PER_BLOCK = 50_000
-_PROBE_TREES, _PROBE_EPISODES = 200, 32
+_PROBE_EPISODES = 32
 
 
 class KernelBackend(Accountable):
@@ -85,7 +85,7 @@ class KernelBackend(Accountable):
     @cached_property
     def steps_per_second(self) -> float:
         """How fast small random trees run; see `Backend`."""
-        forest = _probe(self.spec, self._dynamics)
+        forest = probing_trees(self.spec, self._dynamics)
         backend = KernelBackend(self.spec, self._threads.n)
         try:
             # The first call may wait for a compilation.
@@ -285,22 +285,3 @@ class KernelBackend(Accountable):
     def close(self) -> None:
         """Release the threads."""
         self._threads.close()
-
-
-def _probe(spec: EnvironmentSpec, dynamics: Dynamics) -> Forest:
-    """Return small random trees whose thresholds lie among what first observations give."""
-    rng = np.random.default_rng(0)
-    first = OBSERVATION // LANES
-    seen = dynamics.starts(np.arange(_PROBE_TREES))[:, first : first + spec.n_features]
-
-    def grow(depth: int) -> DecisionTree:
-        if depth == 0 and spec.is_continuous:
-            constants, *slopes = rng.normal(size=(1 + spec.n_features, spec.n_actions)).tolist()
-            return DecisionTree.value_leaf(constants, dict(enumerate(slopes)))
-        if depth == 0:
-            return DecisionTree.leaf(int(rng.integers(spec.n_actions)))
-        feature = int(rng.integers(spec.n_features))
-        threshold = float(rng.choice(seen[:, feature]))
-        return DecisionTree.split(feature, threshold, grow(depth - 1), grow(depth - 1))
-
-    return Forest.stack([grow(2) for _ in range(_PROBE_TREES)])

@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import available_cores
 from ge_torchrl.environments.border import Border, random_action
-from ge_torchrl.environments.gymnasium_workers import portable, spawning, unpack, worker_died
+from ge_torchrl.environments.gymnasium_workers import portable, spawning, unpack
 from ge_torchrl.environments.shared_arrays import Arrays, Memory
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.environments.witness import Witness
+from ge_torchrl.environments.worker_faults import worker_died
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.seeding import episode_seeds
 

@@ -12,8 +12,9 @@ from contextlib import closing
 
 import numpy as np
 
-from ge_torchrl.environments.kernel_backend import KernelBackend, _probe
+from ge_torchrl.environments.kernel_backend import KernelBackend
 from ge_torchrl.environments.kernel_choice import dynamics_of
+from ge_torchrl.environments.kernel_probe import probing_trees
 from ge_torchrl.environments.spec import EnvironmentSpec, describe, make_gymnasium
 
 EPISODES, LOOP_STEPS, REPEATS = 200, 20_000, 5
@@ -25,7 +26,7 @@ def main(dynamics: str) -> None:
     loop, loop_cpu = _best(lambda: _loop(spec))
     print(f"{dynamics}, million steps a second")
     print(f"Gymnasium's loop            {loop / 1e6:8.3f}")
-    trees = _probe(spec, dynamics_of(spec))
+    trees = probing_trees(spec, dynamics_of(spec))
     with closing(KernelBackend(spec)) as kernel:
         kernel.evaluate(trees.take([0]), np.arange(32), "warm-up")
         clock, cpu = _best(lambda: kernel.evaluate(trees, np.arange(EPISODES), "bench").env_steps)
