@@ -134,7 +134,11 @@ def _open(name: str, folder: Path, run: str) -> Any:
                 exp_name=run, save_dir=str(folder), project=project, log_env_packages=False
             )
         case _:
-            uri = os.environ.get("MLFLOW_TRACKING_URI", (folder / name).resolve().as_uri())
+            uri = os.environ.get("MLFLOW_TRACKING_URI")
+            if uri is None:
+                # MLflow 3 wants to be asked for plain files; its database would be another dependency.
+                os.environ.setdefault("MLFLOW_ALLOW_FILE_STORE", "true")
+                uri = (folder / name).resolve().as_uri()
             return loggers.MLFlowLogger(
                 exp_name=os.environ.get("MLFLOW_EXPERIMENT_NAME", _PROJECT), tracking_uri=uri
             )

@@ -1,6 +1,7 @@
 """Trackers are told what happens, and none of them can fail a run."""
 
 import csv
+import os
 import sys
 import types
 
@@ -119,6 +120,22 @@ def test_an_extra_that_is_missing_is_named(tmp_path, monkeypatch, name, told):
     told_to(monkeypatch, "open", ImportError(f"{name} could not be imported"))
     _, output = run(logging_to(name), tmp_path / "run")
     assert f"pip install {told}" in output
+
+
+@pytest.mark.parametrize("elsewhere", [None, "http://tracker.test"])
+def test_mlflow_may_write_files_where_no_server_is_named(tmp_path, monkeypatch, elsewhere):
+    loggers = told_to(monkeypatch)
+    monkeypatch.setitem(sys.modules, "mlflow", types.SimpleNamespace(end_run=lambda: None))
+    # Set first, so that what the run sets is taken away afterwards.
+    for name in ("MLFLOW_ALLOW_FILE_STORE", "MLFLOW_TRACKING_URI"):
+        monkeypatch.setenv(name, elsewhere or "")
+        monkeypatch.delenv(name)
+    if elsewhere:
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", elsewhere)
+    run(logging_to("mlflow"), tmp_path / "run")
+    ((_, arguments),) = loggers.opened
+    assert arguments["tracking_uri"] == (elsewhere or (tmp_path / "run" / "mlflow").as_uri())
+    assert os.environ.get("MLFLOW_ALLOW_FILE_STORE") == (None if elsewhere else "true")
 
 
 def test_another_one_is_refused():
