@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ge_torchrl.config import PolishConfig
 from ge_torchrl.environments.backend import Backend
+from ge_torchrl.refiners.one_thread import one_thread
 from ge_torchrl.refiners.protocol import FIRST, Effort, Refined, TrainingRecord
 from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.forest import Forest
@@ -55,8 +56,9 @@ class LocalSearch:
     ) -> list[Refined]:
         """Refine trees side by side, each on episodes that its own stream draws."""
         jobs = [partial(self._refine, tree, rng, effort) for tree, rng in zip(trees, rngs, strict=True)]
-        # A lone tree has all threads of the backend to itself.
-        return [jobs[0](self._backend)] if len(jobs) == 1 else self._backend.run_jobs(jobs)
+        with one_thread():
+            # A lone tree has all threads of the backend to itself.
+            return [jobs[0](self._backend)] if len(jobs) == 1 else self._backend.run_jobs(jobs)
 
     def _refine(
         self, tree: DecisionTree, rng: np.random.Generator, effort: Effort, backend: Backend

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import Backend
+from ge_torchrl.refiners.one_thread import one_thread
 from ge_torchrl.refiners.ties import Ties
 from ge_torchrl.seeding import episode_seeds
 from ge_torchrl.trees.forest import Forest
@@ -115,8 +116,9 @@ class Strategy:
             LimitReachedError: The backend's limit was reached first.
         """
         end = self.timesteps + timesteps
-        while self.timesteps < end and not self.has_ended:
-            self._round()
+        with one_thread():
+            while self.timesteps < end and not self.has_ended:
+                self._round()
 
     def _round(self) -> None:
         points = self._cma.ask()
