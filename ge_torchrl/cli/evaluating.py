@@ -9,6 +9,7 @@ from ge_torchrl.checks import MOST_EPISODES, MOST_SEED
 from ge_torchrl.cli.output import form_of_tables
 from ge_torchrl.cli.parser import Parser, add_trust, integer_from
 from ge_torchrl.cli.statuses import OK
+from ge_torchrl.cli.waiting import HowFar
 from ge_torchrl.errors import UserError
 
 
@@ -25,7 +26,7 @@ def evaluate(arguments: list[str]) -> int:
 def _told(options: argparse.Namespace) -> int:
     from ge_torchrl.report import evaluation
 
-    measures = options.episodes, options.seed, options.route, options.nodes
+    measures = options.episodes, options.seed, options.route, options.nodes, HowFar("episodes")
     if evaluation.is_above_runs(options.path):
         sweep = evaluation.evaluate_runs(options.path, *measures)
         for line in sweep.left_out:

@@ -6,6 +6,7 @@ from pathlib import Path
 from ge_torchrl.cli.output import form_of_tables
 from ge_torchrl.cli.parser import Parser
 from ge_torchrl.cli.statuses import OK
+from ge_torchrl.cli.waiting import HowFar
 
 
 def report(arguments: list[str]) -> int:
@@ -33,7 +34,7 @@ def report(arguments: list[str]) -> int:
     from ge_torchrl.report.pages import write_report
     from ge_torchrl.report.runs import gather_runs
 
-    found = gather_runs(options.folder, options.against)
+    found = gather_runs(options.folder, options.against, HowFar("runs read"))
     for line in found.unreadable:
         print(f"ge-torchrl: left out: {line}", file=sys.stderr)
     print(runs_tables(found.runs, form_of_tables(markdown=options.markdown)))
@@ -41,8 +42,9 @@ def report(arguments: list[str]) -> int:
         print(f"ge-torchrl: no report: {PLOTS_HINT}", file=sys.stderr)
     else:
         output = options.output or options.folder / "report"
-        print(f"\nreport: {write_report(options.folder, options.against, output)}")
-    pages = write_pages(options.folder, gather_runs(options.folder) if options.against else found)
+        print(f"\nreport: {write_report(options.folder, options.against, output, found)}")
+    own = gather_runs(options.folder) if options.against else found
+    pages = write_pages(options.folder, own, HowFar("pages of runs"))
     for line in pages.failed:
         print(f"ge-torchrl: no page: {line}", file=sys.stderr)
     if pages.written is not None:

@@ -10,6 +10,8 @@ from ge_torchrl.cli.statuses import USER_ERROR
 from ge_torchrl.interrupts import Stepping, leave_now
 
 _SILENCE_SECONDS = 1.5
+# How far something is is told so often at least.
+_LONGEST_SILENCE_SECONDS = 60.0
 # A compiled step that takes longer does not return [s].
 _STEP_SECONDS = 20.0
 
@@ -40,3 +42,38 @@ def looked_at(environment_id: str) -> Iterator[None]:
         yield
     finally:
         seen.set()
+
+
+class HowFar:
+    """Says on standard error how far something is, once that takes longer than a person waits, and ever more rarely.
+
+    Args:
+        things: What is counted, such as "episodes".
+    """
+
+    def __init__(self, things: str) -> None:
+        self._things = things
+        self._begin(0)
+
+    def _begin(self, done: int) -> None:
+        self._first = self._done = done
+        self._started, self._next = time.perf_counter(), _SILENCE_SECONDS
+
+    def __call__(self, done: int, in_all: int) -> None:
+        """Say how many are done, where that is due; fewer than before are those of something else.
+
+        Args:
+            done: How many are done, at least 1.
+            in_all: How many there are.
+        """
+        if done <= self._done:
+            self._begin(done)
+        self._done = done
+        elapsed = time.perf_counter() - self._started
+        if elapsed < self._next or done == in_all:
+            return
+        from ge_torchrl.report.html.figures import seconds
+
+        left = seconds(elapsed * (in_all - done) / (done - self._first))
+        print(f"ge-torchrl: {done:,} of {in_all:,} {self._things}, {left} left", file=sys.stderr, flush=True)
+        self._next = min(2 * elapsed, elapsed + _LONGEST_SILENCE_SECONDS)

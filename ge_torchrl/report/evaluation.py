@@ -19,20 +19,25 @@ from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.reading import is_folder, is_there
 from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluationSummary, SweepEvaluation
+from ge_torchrl.report.measuring import Meter, Told, tell_nobody
 from ge_torchrl.report.methods import METHODS, method_of
 from ge_torchrl.report.reading import environment_of_run, made, read_tree
 from ge_torchrl.report.settings import labels_of
 from ge_torchrl.report.sizes import SizedTree
 from ge_torchrl.report.tables import RunRow
 from ge_torchrl.seeding import episode_seeds, stream
-from ge_torchrl.trees.forest import Forest
 from ge_torchrl.trees.tree import DecisionTree
 
 _TEST, _VALIDATION = "test", "validation"
 
 
 def evaluate(
-    path: Path, episodes: int, seed: int, route: str = "auto", nodes: int | None = None
+    path: Path,
+    episodes: int,
+    seed: int,
+    route: str = "auto",
+    nodes: int | None = None,
+    told: Told = tell_nobody,
 ) -> EvaluationSummary:
     """Test a tree on the episodes that `reset(seed=seed + i)` begins, `i` from 0 to `episodes - 1`.
 
@@ -42,6 +47,7 @@ def evaluate(
         seed: Seed of the first episode.
         route: "auto", "kernel" or "gymnasium".
         nodes: Take the tree with so many decision nodes from the archive of the run; None takes the champion.
+        told: Is told how far the test is.
 
     Returns:
         What the tree did.
@@ -49,11 +55,16 @@ def evaluate(
     Raises:
         UserError: There is no such tree, it does not fit the environment, or the environment failed.
     """
-    return evaluate_tree(*read_tree(path, nodes), episodes, seed, route)[0]
+    return evaluate_tree(*read_tree(path, nodes), episodes, seed, route, told)[0]
 
 
 def evaluate_tree(
-    tree: DecisionTree, spec: EnvironmentSpec, episodes: int, seed: int, route: str = "auto"
+    tree: DecisionTree,
+    spec: EnvironmentSpec,
+    episodes: int,
+    seed: int,
+    route: str = "auto",
+    told: Told = tell_nobody,
 ) -> tuple[EvaluationSummary, NDArray[np.float64]]:
     """Test a tree in an environment; see `evaluate`.
 
@@ -61,8 +72,7 @@ def evaluate_tree(
         What the tree did, and what it returned in each episode, [E] float64.
     """
     with closing(open_backend(spec, route)) as backend:
-        outcomes = backend.evaluate(Forest.stack([tree]), np.arange(seed, seed + episodes), _TEST)
-    returns = outcomes.returns[0]
+        (returns,) = Meter(backend, episodes, told).returns([tree], np.arange(seed, seed + episodes), _TEST)
     mean = float(returns.mean())
     summary = EvaluationSummary(
         environment=spec.id,
@@ -86,7 +96,12 @@ def is_above_runs(path: Path) -> bool:
 
 
 def evaluate_runs(
-    folder: Path, episodes: int, seed: int, route: str = "auto", nodes: int | None = None
+    folder: Path,
+    episodes: int,
+    seed: int,
+    route: str = "auto",
+    nodes: int | None = None,
+    told: Told = tell_nobody,
 ) -> SweepEvaluation:
     """Test the trees of all finished runs below a folder on the same episodes, as `evaluate` tests one.
 
@@ -99,6 +114,7 @@ def evaluate_runs(
         seed: Seed of the first episode.
         route: "auto", "kernel" or "gymnasium".
         nodes: Test the trees with so many decision nodes alone, of the runs that have one; None tests all.
+        told: Is told how far each task is.
 
     Returns:
         What the trees did, in the order of environments, methods and seeds.
@@ -124,11 +140,10 @@ def evaluate_runs(
         _told_apart(runs),
         key=lambda run: (*run.task, METHODS.index(run.method), run.setting, run.summary.seed, run.path),
     )
-    validation_seeds = episode_seeds("validation", episodes, stream(seed, "episodes that choose among runs"))
     methods = [
         method
         for _, alike in groupby(runs, key=lambda run: run.task)
-        for method in _evaluate_task(list(alike), np.arange(seed, seed + episodes), validation_seeds, route)
+        for method in _evaluate_task(list(alike), episodes, seed, route, told)
     ]
     return SweepEvaluation(episodes, seed, tuple(methods), tuple(left_out))
 
@@ -224,20 +239,19 @@ def _restricted(runs: Sequence[_Candidates], nodes: int, folder: Path) -> list[_
 
 
 def _evaluate_task(
-    runs: Sequence[_Candidates], seeds: NDArray[np.int64], validation_seeds: NDArray[np.int64], route: str
+    runs: Sequence[_Candidates], episodes: int, seed: int, route: str, told: Told
 ) -> Iterator[EvaluatedMethod]:
     """Test all trees of one task together, and yield what they did, method by method."""
     spec = runs[0].spec
     # A champion stands in its archive too, and small trees are found again and again.
     trees = list(dict.fromkeys(tree for run in runs for tree in run.trees))
     rivals = list(dict.fromkeys(tree for run in runs for tree in run.by_size))
+    validation_seeds = episode_seeds("validation", episodes, stream(seed, "episodes that choose among runs"))
     with closing(open_backend(spec, route)) as backend:
-        returns = backend.evaluate(Forest.stack(trees), seeds, _TEST).returns
-        validated = (
-            backend.evaluate(Forest.stack(rivals), validation_seeds, _VALIDATION).returns if rivals else ()
-        )
-    tested = {tree: (float(of.mean()), float(of.std())) for tree, of in zip(trees, returns, strict=True)}
-    means = {tree: float(of.mean()) for tree, of in zip(rivals, validated, strict=True)}
+        meter = Meter(backend, (len(trees) + len(rivals)) * episodes, told)
+        tested = meter.means(trees, np.arange(seed, seed + episodes), _TEST)
+        validated = meter.means(rivals, validation_seeds, _VALIDATION)
+    means = {tree: mean for tree, (mean, _) in validated.items()}
     for (method, setting), alike in groupby(runs, key=lambda run: (run.method, run.setting)):
         yield EvaluatedMethod(
             environment=spec.names.environment,

@@ -38,7 +38,7 @@ _BY_SIZE = (
 )
 
 
-def write_report(folder: Path, against: Path | None, output: Path) -> Path:
+def write_report(folder: Path, against: Path | None, output: Path, found: FoundRuns | None = None) -> Path:
     """Write the report of all finished runs in a folder and below it.
 
     Args:
@@ -46,6 +46,7 @@ def write_report(folder: Path, against: Path | None, output: Path) -> Path:
         against: Where runs of other methods are, if not there: for every environment the methods that `folder`
             lacks are taken from here.
         output: Folder of the report; what a former report wrote there is replaced.
+        found: These runs, where they are read already.
 
     Returns:
         Path of the Markdown file.
@@ -54,7 +55,7 @@ def write_report(folder: Path, against: Path | None, output: Path) -> Path:
         ArtefactError: There is no run to report, or the report cannot be written.
         UserError: matplotlib is not installed.
     """
-    found = gather_runs(folder, against)
+    found = found or gather_runs(folder, against)
     rng = np.random.default_rng(_RESAMPLING_SEED)
     sections = [_head(folder, found)]
     for _, runs in groupby(found.runs, key=lambda run: run.environment):

@@ -11,6 +11,7 @@ from ge_torchrl.artefacts.folder import HISTORY, SUMMARY, RunFolder, find_runs, 
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, UserError
+from ge_torchrl.report.measuring import Told, tell_nobody
 from ge_torchrl.report.methods import METHODS, method_of
 from ge_torchrl.report.settings import labels_of
 from ge_torchrl.report.sizes import SizedTree, trees_of_archive
@@ -102,22 +103,25 @@ def _told_apart(runs: Iterable[Run]) -> Iterator[Run]:
             yield replace(run, setting=setting)
 
 
-def read_runs(folder: Path) -> FoundRuns:
+def read_runs(folder: Path, told: Told = tell_nobody) -> FoundRuns:
     """Read all finished runs in a folder and below it.
 
     Args:
         folder: A run's or a sweep's folder, or any above them.
+        told: Is told how many are read.
 
     Raises:
         ArtefactError: There is no run, or none that can be read.
     """
     runs: list[Run] = []
     unreadable: list[str] = []
-    for found in find_runs(folder):
+    all_found = list(find_runs(folder))
+    for number, found in enumerate(all_found, 1):
         try:
             runs.append(read_run(found.path))
         except UserError as error:
             unreadable.append(f"{found.path}: {error}")
+        told(number, len(all_found))
     if not runs:
         raise none_found(folder, unreadable)
     return FoundRuns.in_order(runs, unreadable)
@@ -154,12 +158,13 @@ def read_run(path: Path) -> Run:
     )
 
 
-def gather_runs(folder: Path, against: Path | None = None) -> FoundRuns:
+def gather_runs(folder: Path, against: Path | None = None, told: Told = tell_nobody) -> FoundRuns:
     """Return the runs of `folder`, and of `against` those of methods that `folder` lacks.
 
     Args:
         folder: Where the runs are.
         against: Where runs of other methods are, or None.
+        told: Is told how many runs of a folder are read.
 
     Returns:
         Runs in the order of environment, method, seed and path.
@@ -167,12 +172,12 @@ def gather_runs(folder: Path, against: Path | None = None) -> FoundRuns:
     Raises:
         ArtefactError: A folder has no run, or `against` adds none.
     """
-    found = read_runs(folder)
+    found = read_runs(folder, told)
     if against is None:
         return found
     environments = {run.environment for run in found.runs}
     present = {(run.environment, run.method) for run in found.runs}
-    others = read_runs(against)
+    others = read_runs(against, told)
     added = [
         run
         for run in others.runs

@@ -8,6 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+# Values of resamples that are in memory at a time: of thousands of runs all would take gigabytes.
+_MOST_DRAWN = 2_000_000
+
 
 class Interval(NamedTuple):
     """A confidence interval.
@@ -50,8 +53,12 @@ def bootstrap_interval(
         raise ValueError(f"expected a vector of at least one value; got shape {observed.shape}")
     if statistic not in ("mean", "median"):
         raise ValueError(f"statistic must be mean or median; got {statistic}")
-    resamples = observed[rng.integers(observed.size, size=(n_resamples, observed.size))]
-    statistics = resamples.mean(axis=1) if statistic == "mean" else np.median(resamples, axis=1)
+    at_a_time = max(1, _MOST_DRAWN // observed.size)
+    statistics = np.empty(n_resamples)
+    for first in range(0, n_resamples, at_a_time):
+        part = statistics[first : first + at_a_time]
+        resamples = observed[rng.integers(observed.size, size=(len(part), observed.size))]
+        part[:] = resamples.mean(axis=1) if statistic == "mean" else np.median(resamples, axis=1)
     low, high = np.quantile(statistics, _tails(confidence))
     return Interval(float(low), float(high))
 

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ge_torchrl.report import statistics
 from ge_torchrl.report.statistics import bootstrap_band, bootstrap_interval, wilson_interval
 
 
@@ -82,3 +83,15 @@ def test_band_agrees_with_the_interval_of_each_point():
     for point in range(3):
         interval = bootstrap_interval(curves[:, point], np.random.default_rng(1), n_resamples=20_000)
         assert band[:, point] == pytest.approx(interval, abs=0.03)
+
+
+@pytest.mark.parametrize("statistic", ["mean", "median"])
+def test_intervals_of_thousands_of_runs_are_drawn_in_parts_to_the_same_bits(monkeypatch, statistic):
+    values = np.random.default_rng(1).normal(size=37)
+
+    def found(most_drawn):
+        monkeypatch.setattr(statistics, "_MOST_DRAWN", most_drawn)
+        rng = np.random.default_rng(2)
+        return bootstrap_interval(values, rng, statistic=statistic, n_resamples=501), rng.random()
+
+    assert found(10**9) == found(37 * 100 + 5) == found(1)

@@ -39,7 +39,7 @@ class FakeExperiment(types.ModuleType):
     def is_above_runs(self, path):
         return path.is_dir()
 
-    def evaluate_runs(self, folder, episodes, seed, route, nodes):
+    def evaluate_runs(self, folder, episodes, seed, route, nodes, _told):
         self.evaluated.append((folder, episodes, seed, route, nodes))
         return types.SimpleNamespace(
             left_out=("multirun/3: broken",),
@@ -47,7 +47,7 @@ class FakeExperiment(types.ModuleType):
             as_text=lambda form: "| a table |" if form == "markdown" else "a table",
         )
 
-    def evaluate(self, path, episodes, seed, route, nodes):
+    def evaluate(self, path, episodes, seed, route, nodes, _told):
         self.evaluated.append((path, episodes, seed, route, nodes))
         if path.name == "missing":
             raise ArtefactError("missing must be a tree's file; got none")

@@ -34,18 +34,19 @@ SCRIPTS = (
 _COMMAND = 'cd RUN_FOLDER && python -m ge_torchrl --config-path "$PWD" --config-name config'
 
 
-def run_page(folder: RunFolder) -> str:
+def run_page(folder: RunFolder, run: Run | None = None) -> str:
     """Return the page of a finished run.
 
     Args:
         folder: Its folder; what an earlier version did not write is left out of the page.
+        run: The run, where it is read already.
 
     Raises:
         ArtefactError: A file is missing or unreadable.
         ConfigError: The configuration is none.
         InvalidTreeError: A tree's file holds no valid tree.
     """
-    run, episodes = read_run(folder.path), folder.read_episodes()
+    run, episodes = run or read_run(folder.path), folder.read_episodes()
     return filled("run.html", SCRIPTS, run_values(folder, run, episodes), _texts(folder, run))
 
 

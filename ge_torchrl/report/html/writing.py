@@ -10,11 +10,16 @@ from ge_torchrl.artefacts.texts import write_text
 from ge_torchrl.errors import UserError
 from ge_torchrl.report.html.run_page import run_page
 from ge_torchrl.report.html.sweep_page import sweep_page
-from ge_torchrl.report.runs import FoundRuns
+from ge_torchrl.report.measuring import Told, tell_nobody
+from ge_torchrl.report.runs import FoundRuns, Run
 
 
-def write_run_page(path: Path) -> Path:
+def write_run_page(path: Path, run: Run | None = None) -> Path:
     """Write the page of a finished run into its folder and return its path.
+
+    Args:
+        path: The folder.
+        run: The run, where it is read already.
 
     Raises:
         ArtefactError: A file is missing or unreadable, or the page cannot be written.
@@ -22,7 +27,7 @@ def write_run_page(path: Path) -> Path:
         InvalidTreeError: A tree's file holds no valid tree.
     """
     page = path / PAGE
-    write_text(page, run_page(RunFolder(path)))
+    write_text(page, run_page(RunFolder(path), run))
     return page
 
 
@@ -53,20 +58,22 @@ class Pages(NamedTuple):
     failed: tuple[str, ...]
 
 
-def write_pages(folder: Path, found: FoundRuns) -> Pages:
+def write_pages(folder: Path, found: FoundRuns, told: Told = tell_nobody) -> Pages:
     """Write the page of every run, and that of the folder where it is no run itself.
 
     Args:
         folder: A run's or a sweep's folder, or any above them.
         found: Its finished runs.
+        told: Is told for how many runs that is done.
     """
     failed: list[str] = []
     written: list[Path] = []
-    for run in found.runs:
+    for number, run in enumerate(found.runs, 1):
         try:
-            written.append(write_run_page(run.path))
+            written.append(write_run_page(run.path, run))
         except UserError as error:
             failed.append(" ".join(str(error).split()))
+        told(number, len(found.runs))
     if [run.path for run in found.runs] == [folder]:
         return Pages(written[0] if written else None, tuple(failed))
     try:
