@@ -34,7 +34,7 @@ from omegaconf._utils import get_omega_conf_dumper
 from omegaconf.errors import OmegaConfBaseException
 
 from ge_torchrl.artefacts.jobs import Sweep, Words
-from ge_torchrl.cli import RUN, verb_of
+from ge_torchrl.cli import RUN, as_asked, verb_of
 from ge_torchrl.cli.choices import (
     as_meant,
     check_file,
@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     The status is 0 for success, 2 where the user can mend it, 1 for a fault of the program, 130 after an
     interrupt, 141 where nobody reads the output any more.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    arguments = as_asked(list(sys.argv[1:] if argv is None else argv))
     try:
         interrupt_again()
         prepare_output()

@@ -5,6 +5,7 @@ A rule states type and range. `checked` normalises what is only another spelling
 `ConfigError` that names the key, what was expected, why, and what came.
 """
 
+import difflib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -186,8 +187,30 @@ def _hint(value: object, rule: Rule) -> str:
         return "a text is one line of printable characters"
     if rule.kind == "mapping" and not _is_finite(value):
         return "numbers must be finite"
-    successor = dict(rule.renamed).get(value) if isinstance(value, str) else None
-    return f"{value} is now called {successor}" if successor else ""
+    if not isinstance(value, str):
+        return ""
+    successor = dict(rule.renamed).get(value)
+    return (
+        f"{value} is now called {successor}" if successor else did_you_mean(value, rule.choices).lstrip("; ")
+    )
+
+
+def nearest(word: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6) -> list[str]:
+    """Return the names of a closed set that a mistyped one may stand for, the nearest first.
+
+    Args:
+        word: What was typed, in letters of any case.
+        known: The names.
+        n: So many at most.
+        cutoff: How like they have to be, from 0 to 1.
+    """
+    plain = {name.lower(): name for name in known}
+    return [plain[found] for found in difflib.get_close_matches(word.lower(), plain, n, cutoff)]
+
+
+def did_you_mean(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """Return the end of a message that asks for the nearest name; empty where none is near. See `nearest`."""
+    return "".join(f"; did you mean {found}?" for found in nearest(word, known, 1, cutoff))
 
 
 def refuse(key: str, value: object, expected: str, because: str = "", hint: str = "") -> NoReturn:

@@ -4,10 +4,24 @@ Every message says what was expected, why, and what came. The command line print
 was quoted in a message, it is one line that a terminal shows as text and a person reads to its end.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
 from ge_torchrl.printing import message_of
 
 
 class _ToldError(Exception):
+    """An error that says what to do.
+
+    Attributes:
+        champion: The best controller by then, untested, where a call of the library broke off; else None.
+        controllers: The best one of each number of decision nodes by then.
+    """
+
+    champion: Any = None
+    controllers: Mapping[int, Any] = MappingProxyType({})
+
     def __init__(self, message: str = "") -> None:
         super().__init__(message_of(message))
 
@@ -26,6 +40,10 @@ class GrammarError(UserError):
 
 class InvalidTreeError(UserError):
     """Arrays or a file do not describe a decision tree."""
+
+
+class InvalidObservationError(UserError, ValueError):
+    """A controller was given something else than one observation."""
 
 
 class UnencodableTreeError(UserError):

@@ -42,6 +42,7 @@ class Foreign:
     special: str
     kwargs: Mapping[str, Any] = field(default_factory=dict)
     wrappers: tuple[str, ...] = ()
+    has_file: bool = False  # In conf/env, which is not to be taken.
 
     @property
     def words(self) -> list[str]:
@@ -51,6 +52,7 @@ class Foreign:
             f"env.kwargs.{key}={json.dumps(value).strip(chr(34))}" for key, value in self.kwargs.items()
         ]
         return [
+            *(["env=default"] if self.has_file else []),
             f"env.id={self.id}",
             *kwargs,
             *([f"env.wrappers=[{wrappers}]"] if wrappers else []),
@@ -59,8 +61,8 @@ class Foreign:
 
 
 ENVIRONMENTS = (
-    Foreign("LunarLander-v3", "Box2D"),
-    Foreign("LunarLanderContinuous-v3", "Box2D, two numbers"),
+    Foreign("LunarLander-v3", "Box2D", has_file=True),
+    Foreign("LunarLanderContinuous-v3", "Box2D, two numbers", has_file=True),
     Foreign("BipedalWalker-v3", "Box2D, four numbers, episodes of 1,600 steps"),
     Foreign("InvertedPendulum-v5", "MuJoCo"),
     Foreign("Hopper-v5", "MuJoCo"),
@@ -74,7 +76,9 @@ ENVIRONMENTS = (
     Foreign("minigrid:MiniGrid-Empty-5x5-v0", "a Dict with a sentence", wrappers=IMAGE_AND_DIRECTION),
     Foreign("minatar:MinAtar/Breakout-v1", "a picture of ten by ten, flattened", wrappers=FLAT),
     Foreign("ale_py:ALE/Freeway-v5", "Atari, 128 bytes of memory", kwargs={"obs_type": "ram"}),
-    Foreign("flappy_bird_gymnasium:FlappyBird-v0", "twelve numbers", kwargs={"use_lidar": False}),
+    Foreign(
+        "flappy_bird_gymnasium:FlappyBird-v0", "twelve numbers", kwargs={"use_lidar": False}, has_file=True
+    ),
     Foreign("highway_env:highway-fast-v0", "a table, flattened; some dozen steps a second", wrappers=FLAT),
 )
 

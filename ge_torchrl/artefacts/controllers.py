@@ -4,26 +4,31 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.artefacts.folder import BEST_TREE, RunFolder
+from ge_torchrl.artefacts.looking import check_run
 from ge_torchrl.errors import ArtefactError
-from ge_torchrl.reading import is_folder
+from ge_torchrl.reading import is_folder, is_there, name_of
 from ge_torchrl.trees.controller import Controller
 from ge_torchrl.trees.files import read_controller
 
 
-def named_controller(path: Path, nodes: int | None) -> Controller:
+def named_controller(path: Path, nodes: int | None, key: str = "--nodes") -> Controller:
     """Return the controller that a path names.
 
     Args:
         path: A tree's file, or a run's folder, whose champion is meant.
         nodes: The tree with so many decision nodes from the archive of the run; None: the champion.
+        key: What the user calls that number.
 
     Raises:
         UserError: There is no such tree.
     """
+    if not is_there(path):
+        raise ArtefactError(f"expected a tree's file or a run's folder; there is none at {name_of(path)}")
     if is_folder(path):
+        check_run(path, BEST_TREE)
         folder = RunFolder(path)
         return folder.read_best_tree() if nodes is None else folder.read_archive_tree(nodes)
     if nodes is not None:
-        raise ArtefactError(f"--nodes chooses a tree of a run, so expected a run's folder; got {path}")
+        raise ArtefactError(f"{key} chooses a tree of a run, so expected a run's folder; got {path}")
     return read_controller(path)

@@ -51,7 +51,8 @@ class RunMemory:
     _summary: Summary | None = None
 
     def __str__(self) -> str:
-        return "memory"
+        # Where an error that ends a run carries what there is.
+        return "error.champion"
 
     @property
     def path(self) -> None:

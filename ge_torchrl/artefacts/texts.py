@@ -63,6 +63,16 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
             _settle(path.parent, os.O_RDONLY)
 
 
+def make_folder_of(path: Path) -> None:
+    """Make the folder that a file is to lie in, where it is not there.
+
+    Raises:
+        ArtefactError: It cannot be made.
+    """
+    with told_of(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+
+
 def put(descriptor: int, content: bytes) -> None:
     """Write all bytes to an open file: a disk that is nearly full takes a part, and refuses the rest."""
     rest = memoryview(content)

@@ -1,10 +1,10 @@
 """The command line without Hydra. The commands beside running: each reads its arguments, calls one room, and prints."""
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NoReturn
 
+from ge_torchrl.checks import did_you_mean
 from ge_torchrl.cli.completing import complete, completion
 from ge_torchrl.cli.environments import Compose, check, init
 from ge_torchrl.cli.evaluating import evaluate
@@ -38,6 +38,15 @@ _COMPOSING: Mapping[str, Callable[[list[str], Compose], int]] = MappingProxyType
 )
 VERBS = frozenset({*_PLAIN, *_COMPOSING})
 """The first words of command lines that are no runs."""
+HELP = "help"
+"""The word that asks for what --help says, of a command that may follow."""
+
+
+def as_asked(arguments: Sequence[str]) -> list[str]:
+    """Return a command line with --help where the first word asks for help: `help export` is `export --help`."""
+    if not arguments or arguments[0] != HELP:
+        return list(arguments)
+    return [*(word for word in arguments[1:2] if word != HELP), "--help"]
 
 
 def verb_of(arguments: Sequence[str], compose: Compose) -> Verb | None:
@@ -54,9 +63,11 @@ def verb_of(arguments: Sequence[str], compose: Compose) -> Verb | None:
         UserError: The word is nearly that of a command.
     """
     word = arguments[0] if arguments else ""
-    known = {*VERBS, RUN}
-    if word.isalpha() and word not in known and (meant := difflib.get_close_matches(word, known, n=1)):
-        raise UserError(f"{word} is unknown; expected key=value, such as seed=3, or {meant[0]}; got {word!r}")
+    known = {*VERBS, RUN, HELP}
+    if word.isalpha() and word not in known and (meant := did_you_mean(word, sorted(known))):
+        raise UserError(
+            f"{word} is unknown; expected a command, or key=value, such as seed=3; got {word!r}{meant}"
+        )
     if composing := _COMPOSING.get(word):
         return lambda words: composing(words, compose)
     return _PLAIN.get(word)
@@ -68,7 +79,7 @@ def complete_words(arguments: Sequence[str]) -> int:
     def nothing(_: list[str]) -> NoReturn:
         raise UserError("a shell asks for words alone")
 
-    verbs = {name: verb_of([name], nothing) or _run for name in (*VERBS, RUN)}
+    verbs = {name: verb_of([name], nothing) or _run for name in (*VERBS, RUN, HELP)}
     return complete(arguments, verbs)
 
 

@@ -1,6 +1,7 @@
 """What a command line chooses of conf/, and what another folder may add."""
 
 import re
+import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -9,8 +10,7 @@ from ge_torchrl.config.files import (
     CONF,
     NO_ENVIRONMENT,
     check_sections,
-    default_choices,
-    read_choice,
+    choice_of,
     read_settings,
 )
 from ge_torchrl.errors import ConfigError
@@ -49,9 +49,10 @@ def as_meant(words: Sequence[str]) -> list[str]:
 
 
 def with_environment(words: Sequence[str]) -> list[str]:
-    """Put the choice of no particular environment before an id, or dynamics, typed without a choice.
+    """Put the choice of an environment's file before an id, or dynamics, typed without one, as the library chooses.
 
-    Without it, the names and the grammar of the environment that a run takes otherwise would stay.
+    An id takes the file of conf/env that names it, which is said on standard error. Whatever else is typed takes none:
+    the names and the grammar of the environment that a run takes otherwise would stay.
 
     Args:
         words: The overrides of a command line, all of which `config.yaml` of conf/ takes.
@@ -59,20 +60,29 @@ def with_environment(words: Sequence[str]) -> list[str]:
     ids = words_of(words, ("env.id", "env.dynamics"))
     if not ids or words_of(words, ("env", "experiment")):
         return list(words)
-    if ids[-1].partition("=")[2].strip("'\"") == _default_id():
-        return list(words)
-    place = words.index(ids[0])
-    return [*words[:place], f"env={NO_ENVIRONMENT}", *words[place:]]
+    typed = ids[-1].partition("=")[2].strip("'\"")
+    choice, place = choice_of(typed), words.index(ids[0])
+    there = [f"env={choice_of(one)}" for one in typed.split(",") if choice_of(one) != NO_ENVIRONMENT]
+    if choice != NO_ENVIRONMENT:
+        _say(
+            f"{typed} takes names, grammar and settings of env={choice}; with env={NO_ENVIRONMENT} it takes none"
+        )
+    elif there:
+        _say(
+            f"ids that are swept over take no names, grammar and settings of their own; {' and '.join(there)} would"
+        )
+    # A plus would add what the file has already.
+    plain = [word.lstrip("+") if word in ids else word for word in words]
+    return [*plain[:place], f"env={choice}", *plain[place:]]
+
+
+def _say(line: str) -> None:
+    print(f"ge-torchrl: {line}", file=sys.stderr)
 
 
 def words_of(words: Sequence[str], keys: Collection[str]) -> list[str]:
     """Return the overrides that set one of these keys, or choose a file of one of these groups."""
     return [word for word in words if word.partition("=")[0].lstrip("+").partition("@")[0] in keys]
-
-
-def _default_id() -> str:
-    """Return the id of the environment that a run takes where none is chosen."""
-    return str(read_choice("env", str(default_choices()["env"]))["env"]["id"])
 
 
 def added_folder(config_dir: str, config_name: str) -> Path:

@@ -100,6 +100,9 @@ def complete(words: Sequence[str], verbs: Mapping[str, Verb]) -> int:
 
 def _offered(before: Sequence[str], current: str, verbs: Mapping[str, Verb]) -> Iterator[str]:
     verb = before[0] if before and before[0] in verbs else ""
+    if verb == "help":
+        yield from (verbs if len(before) == 1 else ())
+        return
     if not before:
         yield from verbs
     if not verb or verb == "run":

@@ -33,7 +33,7 @@ def export(arguments: list[str]) -> int:
     options = _parser().parse_args(arguments)
 
     from ge_torchrl.artefacts.controllers import named_controller
-    from ge_torchrl.artefacts.texts import write_whole
+    from ge_torchrl.artefacts.texts import make_folder_of, write_whole
     from ge_torchrl.exports.exporting import exported
     from ge_torchrl.exports.formats import FORMATS
     from ge_torchrl.exports.observations import N_OBSERVATIONS
@@ -45,6 +45,7 @@ def export(arguments: list[str]) -> int:
     if options.out is None:
         _show(content, is_drawing=options.to == "text")
         return OK
+    make_folder_of(options.out)
     write_whole(options.out, lambda beside: beside.write_bytes(content))
     how = (
         ", unverified"

@@ -8,8 +8,10 @@ import warnings
 from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
+from ge_torchrl.cli.frames import told_of_frames
 from ge_torchrl.cli.statuses import FAULT, USER_ERROR
 from ge_torchrl.errors import RunFaultError, UserError
+from ge_torchrl.printing import message_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -59,8 +61,8 @@ def open_console() -> "Console":
 
 
 def tell(error: UserError | RunFaultError) -> int:
-    """Tell in one line what went wrong, and return the exit status of that."""
-    print(f"ge-torchrl: {error}", file=sys.stderr)
+    """Tell in one line what went wrong, and where in the user's own code; return the exit status of that."""
+    print(f"ge-torchrl: {message_of(f'{error}{told_of_frames(error)}')}", file=sys.stderr)
     return USER_ERROR if isinstance(error, UserError) else FAULT
 
 

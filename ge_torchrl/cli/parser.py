@@ -4,8 +4,9 @@ import argparse
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from ge_torchrl.checks import did_you_mean
 from ge_torchrl.errors import UserError
 from ge_torchrl.printing import shortened
 
@@ -18,6 +19,27 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise the complaint instead of printing it."""
         raise UserError(f"{message}; see --help")
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Read the arguments; of one that is unknown the nearest flag is named."""
+        options, rest = self.parse_known_args(args, namespace)
+        if rest:
+            meant = did_you_mean(rest[0], flags_of(self))
+            self.error(f"unrecognized arguments: {' '.join(rest)}{meant}")
+        return options
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            # Formats are short words, of which half a letter in common tells.
+            error.message += did_you_mean(str(value), map(str, action.choices or ()), cutoff=0.5)
+            raise
+
+
+def flags_of(parser: argparse.ArgumentParser) -> list[str]:
+    """Return the flags that a parser knows, as they are typed."""
+    return [flag for action in parser._actions for flag in action.option_strings]  # noqa: SLF001 (it tells nobody)
 
 
 def options_of_run(parser: argparse.ArgumentParser, arguments: Sequence[str]) -> argparse.Namespace:
@@ -37,7 +59,8 @@ def options_of_run(parser: argparse.ArgumentParser, arguments: Sequence[str]) ->
         raise UserError(f"{error}; see --help") from error
     for argument in rest:
         if argument.startswith("-"):
-            raise UserError(f"{argument} is an unknown flag; expected one that --help names")
+            meant = did_you_mean(argument.partition("=")[0], flags_of(parser))
+            raise UserError(f"{argument} is an unknown flag; expected one that --help names{meant}")
         together = "expected all key=value together, before or after the flags"
         raise UserError(f"{argument} stands apart; {together}")
     return options

@@ -5,11 +5,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from ge_torchrl.checks import nearest
 from ge_torchrl.config.files import choices
 from ge_torchrl.errors import ConfigError
 
 _LONGEST_NAME = 160
 _EXPECTED = "expected key=value, such as seed=3"
+_COMMANDS = "ge-torchrl help lists commands and keys"
 # Of a Gymnasium environment.
 _ID = re.compile(r"(?:[\w.]+:)?(?:[\w-]+/)?[\w.-]+-v\d+")
 _SWAPPED = re.compile(r"Cannot merge (?:Dict|List)Config with (?:Dict|List)Config")
@@ -26,7 +28,8 @@ def unreadable(word: str) -> str:
     key, equals, value = word.partition("=")
     if not equals:
         meant = _meant(word)
-        return f"expected key=value; got {word!r}; type {meant}" if meant else f"{_EXPECTED}; got {word!r}"
+        told = f"; type {meant}" if meant else f"; {_COMMANDS}" * word.isalpha()
+        return f"{'expected key=value' if meant else _EXPECTED}; got {word!r}{told}"
     if not key.strip():
         return f"{_EXPECTED}; got {word!r}"
     front = f"the value of {key} cannot be read"
@@ -46,7 +49,7 @@ def _meant(word: str) -> str:
         return f"env.dynamics={word}"
     if _ID.fullmatch(word):
         return f"env.id={word}"
-    return f"env={word}" if word in choices("env") else ""
+    return "".join(f"env={choice}" for choice in nearest(word, choices("env")))
 
 
 def _unmergeable(error: BaseException) -> str:

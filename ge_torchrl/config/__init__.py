@@ -2,7 +2,7 @@
 
 from ge_torchrl.config.archive import ArchiveConfig
 from ge_torchrl.config.keys import check_choice, check_group, without_gone
-from ge_torchrl.config.record import MAPPINGS, Config, check_key, template
+from ge_torchrl.config.record import MAPPINGS, Config, check_key, similar_keys, template
 from ge_torchrl.config.refinement import PolishConfig, PPOConfig, RefinerConfig, ScheduleConfig
 from ge_torchrl.config.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
 from ge_torchrl.config.starts import StartsConfig
@@ -23,6 +23,7 @@ __all__ = [
     "check_choice",
     "check_group",
     "check_key",
+    "similar_keys",
     "template",
     "without_gone",
 ]

@@ -14,11 +14,10 @@ from typing import Any
 import yaml
 
 from ge_torchrl.config.files import (
-    NO_ENVIRONMENT,
     check_sections,
+    choice_of,
     choices,
     default_choices,
-    environment_ids,
     of_the_thesis,
     read_choice,
     read_settings,
@@ -51,6 +50,9 @@ def compose(environment: str | None, chosen: Mapping[str, str | None], settings:
         raise ConfigError(
             f"settings must be keys with values, such as {{'ge.generations': 50}}; got {settings!r}"
         )
+    if environment is None and "experiment" not in typed:
+        # What is named by its key brings its file along too.
+        environment = settings.get("env.id") or settings.get("env.dynamics")
     values = _composed(environment, typed, settings)
     if "experiment" in typed and (environment is not None or "env.id" in settings):
         others = {key: value for key, value in settings.items() if key != "env.id"}
@@ -103,10 +105,7 @@ def _environment(environment: object) -> tuple[dict[str, Any], dict[str, Any]]:
         return read_choice("env", environment), {}
     if ".py:" in environment:
         return {}, {"env.dynamics": environment}
-    for choice, environment_id in environment_ids():
-        if environment_id == environment:
-            return read_choice("env", choice), {}
-    return read_choice("env", NO_ENVIRONMENT), {"env.id": environment}
+    return read_choice("env", choice_of(environment)), {"env.id": environment}
 
 
 def _check_choice(group: str, choice: object) -> None:

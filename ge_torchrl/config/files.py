@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ge_torchrl.checks import did_you_mean
 from ge_torchrl.config.keys import check_choice
 from ge_torchrl.errors import ArtefactError, ConfigError
 from ge_torchrl.reading import MOST_SETTINGS_BYTES, YAMLLoader, name_of, read_text, yaml_of
@@ -19,6 +20,7 @@ NO_ENVIRONMENT = "default"
 """The choice of no particular environment."""
 
 _THESIS = ("CartPole-v1", "Acrobot-v1", "MountainCar-v0")
+_IS_ID = re.compile(r"-v\d+$")
 # A file with this line says where its sections belong; any other is a section of its group.
 _GLOBAL = re.compile(r"^# @package _global_\s*$", re.MULTILINE)
 
@@ -53,6 +55,11 @@ def environment_ids() -> Iterator[tuple[str, str]]:
     for choice in choices("env"):
         if choice != NO_ENVIRONMENT:
             yield choice, str(read_choice("env", choice)["env"]["id"])
+
+
+def choice_of(environment_id: str) -> str:
+    """Return the choice of the environment whose file names this id; that of no particular one where none does."""
+    return next((choice for choice, named in environment_ids() if named == environment_id), NO_ENVIRONMENT)
 
 
 def read_choice(group: str, choice: str) -> dict[str, Any]:
@@ -116,5 +123,15 @@ def unknown_choice(group: str, choice: str, offered: Iterable[str] = ()) -> Conf
     """
     check_choice(group, choice)
     others = (option for option in offered if not option.startswith("_"))
-    expected = ", ".join(sorted({*choices(group), *others}))
-    return ConfigError(f"{group}={choice} is unknown; expected one of {expected}; got {choice}")
+    known = sorted({*choices(group), *others})
+    return ConfigError(
+        f"{group}={choice} is unknown; expected one of {', '.join(known)}; got {choice}{_meant(group, choice, known)}"
+    )
+
+
+def _meant(group: str, choice: str, known: Sequence[str]) -> str:
+    """Return the end of a message that asks for the choice that may be meant."""
+    if group == "env" and _IS_ID.search(choice):
+        return f"; an id is typed env.id={choice}"
+    ends = [name for name in known if name.rpartition("/")[2] == choice]
+    return f"; did you mean {ends[0]}?" if ends else did_you_mean(choice, known)

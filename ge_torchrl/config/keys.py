@@ -1,9 +1,9 @@
 """The keys that users type: which there are, and what became of those that are gone."""
 
-import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
+from ge_torchrl.checks import nearest
 from ge_torchrl.errors import ConfigError
 
 # A former section or key, and what stands in its place. A key that begins with a former section keeps its end.
@@ -72,9 +72,17 @@ def check_key(key: str, known: Iterable[str]) -> None:
     if successor := _successor(key):
         raise ConfigError(f"{key} is now {successor}; expected the new name; got {key}")
     siblings = [other for other in names if other.startswith(f"{key.partition('.')[0]}.")]
-    similar = difflib.get_close_matches(key, siblings or names, n=3, cutoff=0.75)
-    expected = similar or siblings or [name for name in names if "." not in name]
+    expected = similar(key, siblings or names) or siblings or [name for name in names if "." not in name]
     raise ConfigError(f"{key} is unknown; expected a key of a run, such as {', '.join(expected)}; got {key}")
+
+
+def similar(key: str, names: Collection[str]) -> list[str]:
+    """Return the keys that a mistyped one may stand for, be it for their ends alone."""
+    if whole := nearest(key, names, n=3, cutoff=0.75):
+        return whole
+    ends = {name: name.rpartition(".")[2] for name in names}
+    meant = nearest(key.rpartition(".")[2], ends.values())
+    return [name for name, end in ends.items() if end in meant][:3]
 
 
 def without_gone(values: Any, section: str = "") -> Any:

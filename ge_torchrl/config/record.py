@@ -177,6 +177,11 @@ def check_key(key: str) -> None:
         keys.check_key(key, _known_keys())
 
 
+def similar_keys(key: str) -> list[str]:
+    """Return the keys that a mistyped one, or the end of one, may stand for; none where none is near."""
+    return [name for name in keys.similar(key, _known_keys()) if "." in name]
+
+
 @cache
 def _known_keys() -> tuple[str, ...]:
     return tuple(_flat_keys(template()))
@@ -223,4 +228,4 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-__all__ = ["MAPPINGS", "UNSET", "Config", "check_key", "template"]
+__all__ = ["MAPPINGS", "UNSET", "Config", "check_key", "similar_keys", "template"]

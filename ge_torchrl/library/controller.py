@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ge_torchrl.artefacts.folder import RunFolder
-from ge_torchrl.errors import ArtefactError
-from ge_torchrl.reading import is_folder
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ge_torchrl.artefacts.controllers import named_controller
+from ge_torchrl.artefacts.texts import make_folder_of
+from ge_torchrl.errors import InvalidObservationError
+from ge_torchrl.printing import shortened
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.closing import drawn
 from ge_torchrl.trees.controller import Controller as _Controller
-from ge_torchrl.trees.files import read_controller, write_controller
+from ge_torchrl.trees.files import write_controller
 from ge_torchrl.trees.text import render_rules
+from ge_torchrl.trees.tree import FloatArray
 
 if TYPE_CHECKING:
     from tensordict.nn import TensorDictModule
+
+# Floats, integers, unsigned ones, Booleans.
+_NUMBERS = "fiub"
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,6 +63,29 @@ class Controller(_Controller):
     def _repr_markdown_(self) -> str:
         return f"```text\n{self!r}\n```"
 
+    def __call__(self, observation: ArrayLike) -> int | FloatArray:
+        """Return the answer to one observation.
+
+        Args:
+            observation: [D], taken as float32.
+
+        Returns:
+            The number of the action, counted from 0; where leaves hold values, [A] float32, clipped to the bounds of
+            the environment's actions.
+
+        Raises:
+            InvalidObservationError: It is something else than D numbers.
+        """
+        with suppress(TypeError, ValueError):
+            # None would be taken for a number that nobody knows.
+            if np.asarray(observation).dtype.kind in _NUMBERS:
+                return super().__call__(observation)
+        names = self.names
+        raise InvalidObservationError(
+            f"{names.id} is observed by {len(names.features)} features, so expected as many numbers "
+            f"({shortened(', '.join(names.features))}); got {shortened(repr(observation))}{_of_reset(observation)}"
+        )
+
     @property
     def decision_nodes(self) -> int:
         """Number of decision nodes."""
@@ -71,11 +103,12 @@ class Controller(_Controller):
         return render_rules(self.tree, self.names)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the controller to a file of JSON, whole or not at all; `load` reads it.
+        """Write the controller to a file of JSON, whole or not at all, and make its folder; `load` reads it.
 
         Raises:
             ArtefactError: The file cannot be written.
         """
+        make_folder_of(Path(path))
         write_controller(path, self)
 
     def policy(self, *, categorical_action_encoding: bool = False) -> TensorDictModule:
@@ -92,6 +125,12 @@ class Controller(_Controller):
         return policy_of(self, one_hot=not categorical_action_encoding)
 
 
+def _of_reset(observation: object) -> str:
+    """Return what to say of what reset of an environment returns, if that is what came."""
+    is_pair = isinstance(observation, tuple) and len(observation) == 2 and isinstance(observation[1], dict)
+    return "; of what reset returns the first is the observation" if is_pair else ""
+
+
 def load(path: str | os.PathLike[str], nodes: int | None = None) -> Controller:
     """Load a controller.
 
@@ -103,10 +142,4 @@ def load(path: str | os.PathLike[str], nodes: int | None = None) -> Controller:
         ArtefactError: There is no such tree.
         InvalidTreeError: The file holds no tree.
     """
-    place = Path(path)
-    if is_folder(place):
-        folder = RunFolder(place)
-        return Controller.of(folder.read_best_tree() if nodes is None else folder.read_archive_tree(nodes))
-    if nodes is not None:
-        raise ArtefactError(f"nodes chooses a tree of a run, so expected a run's folder; got {place}")
-    return Controller.of(read_controller(place))
+    return Controller.of(named_controller(Path(path), nodes, key="nodes"))

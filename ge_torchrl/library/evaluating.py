@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ge_torchrl.checks import MOST_EPISODES, MOST_SEED, Rule, checked, refuse
+from ge_torchrl.library.keywords import keywords_told
 from ge_torchrl.report.evaluated import EvaluationSummary
 from ge_torchrl.report.evaluation import evaluate_tree
-from ge_torchrl.report.reading import environment_of_tree
+from ge_torchrl.report.reading import environment_of_tree, read_tree
 from ge_torchrl.report.statistics import Interval, mean_interval
 from ge_torchrl.trees.controller import Controller
 
@@ -50,8 +53,13 @@ class Evaluation:
         return f"```text\n{self!r}\n```"
 
 
+@keywords_told
 def evaluate(
-    controller: Controller, *, episodes: int = 1000, seed: int = 10_000, route: str = "auto"
+    controller: Controller | str | os.PathLike[str],
+    *,
+    episodes: int = 1000,
+    seed: int = 10_000,
+    route: str = "auto",
 ) -> Evaluation:
     """Measure a controller on the episodes that `reset(seed=seed + i)` begins, `i` from 0 to `episodes - 1`.
 
@@ -63,7 +71,8 @@ def evaluate(
     SOLVED: the threshold is a mean return of 475
 
     Args:
-        controller: What acts, in the environment that it names.
+        controller: What acts, in the environment that it names; or the path of a tree's file, or of a run's folder,
+            whose champion acts in the run's environment.
         episodes: Number of episodes.
         seed: Seed of the first episode.
         route: What steps the environment: "kernel", "gymnasium", or "auto": the kernel where there is one.
@@ -71,9 +80,13 @@ def evaluate(
     Raises:
         UserError: A value is not allowed, or the environment failed.
     """
-    if not isinstance(controller, Controller):
-        refuse("controller", controller, "a controller, such as ge.load(path) or result.champion gives")
+    is_path = isinstance(controller, str | os.PathLike)
+    if not (is_path or isinstance(controller, Controller)):
+        refuse("controller", controller, "a controller, such as result.champion gives, or the path of one")
     episodes = checked("episodes", episodes, _EPISODES)
     seed, route = checked("seed", seed, _SEED), checked("route", route, _ROUTE)
-    spec = environment_of_tree(controller)
-    return Evaluation(*evaluate_tree(controller.tree, spec, episodes, seed, route))
+    if isinstance(controller, Controller):
+        tree, spec = controller.tree, environment_of_tree(controller)
+    else:
+        tree, spec = read_tree(Path(controller), nodes=None)
+    return Evaluation(*evaluate_tree(tree, spec, episodes, seed, route))

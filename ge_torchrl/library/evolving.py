@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ from ge_torchrl.artefacts.records import GenerationRecord
 from ge_torchrl.checks import refuse
 from ge_torchrl.config import Config
 from ge_torchrl.config.composing import compose
-from ge_torchrl.errors import ConfigError
+from ge_torchrl.errors import ConfigError, UserError
+from ge_torchrl.library.controller import Controller
 from ge_torchrl.library.generation import Callback, Generation, stops
-from ge_torchrl.library.result import Result
+from ge_torchrl.library.keywords import keywords_told
+from ge_torchrl.library.result import Result, controllers_of
 from ge_torchrl.library.showing import console_for
 from ge_torchrl.run.episodes import write_page_of_run
 from ge_torchrl.run.experiment import carry_out
@@ -23,6 +26,7 @@ from ge_torchrl.search.state import SearchState
 from ge_torchrl.trees.controller import Names
 
 
+@keywords_told
 def evolve(
     environment: str | None = None,
     *,
@@ -68,6 +72,9 @@ def evolve(
     Raises:
         UserError: A value is not allowed, or the environment failed.
         RunFaultError: The run broke off by a fault of the program.
+
+    What breaks a run off carries what was found by then, untested, as `error.champion` and `error.controllers`; what
+    `callback` raises and a second `KeyboardInterrupt` carry it too.
     """
     chosen = {
         "refiner": refiner,
@@ -83,19 +90,36 @@ def evolve(
         )
     watching = _Watching(callback)
 
+    kept: list[Artefacts] = []
+
     def keep(decided: Config) -> Artefacts:
-        return RunMemory(decided) if out is None else RunFolder.create(Path(out), decided, key="out")
+        kept.append(RunMemory(decided) if out is None else RunFolder.create(Path(out), decided, key="out"))
+        return kept[0]
 
     try:
         console = console_for(progress=progress)
         finished = carry_out(config, keep, console, watching)
-    except Exception:
-        if watching.fault is not None:
-            raise watching.fault from None
+    except BaseException as error:
+        fault = watching.fault if isinstance(error, Exception) and watching.fault is not None else error
+        for artefacts in kept:
+            _give(fault, artefacts)
+        if fault is not error:
+            raise fault from None
         raise
     if out is not None:
         write_page_of_run(Path(out), console)
     return Result.of(finished.artefacts)
+
+
+def _give(error: BaseException, artefacts: Artefacts) -> None:
+    """Let an error carry what a run had found."""
+    found: dict[str, Any] = {"champion": None, "controllers": {}}
+    with suppress(UserError):
+        found["champion"] = Controller.of(artefacts.read_best_tree())
+        found["controllers"] = controllers_of(artefacts)
+    with suppress(AttributeError):  # One of somebody else's may take no attributes.
+        for name, value in found.items():
+            setattr(error, name, value)
 
 
 class _Watching:

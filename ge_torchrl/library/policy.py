@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from tensordict.nn import TensorDictModule
 
+from ge_torchrl.errors import InvalidObservationError
 from ge_torchrl.trees.controller import Controller
 
 
@@ -36,7 +37,7 @@ class _Decides(torch.nn.Module):
         """Return the actions for observations [..., D]."""
         n_features, n_actions = len(self._controller.names.features), len(self._controller.names.actions)
         if observation.shape[-1] != n_features:
-            raise ValueError(
+            raise InvalidObservationError(
                 f"{self._controller.names.id} is observed by {n_features} features; "
                 f"these observations have shape {list(observation.shape)}"
             )

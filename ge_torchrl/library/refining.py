@@ -18,6 +18,7 @@ from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.errors import ConfigError
 from ge_torchrl.library.controller import Controller
+from ge_torchrl.library.keywords import keywords_told
 from ge_torchrl.report.reading import environment_of_tree
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.plan import plan
@@ -84,6 +85,7 @@ def refine(
 ) -> list[Refinement]: ...
 
 
+@keywords_told
 def refine(
     controller: Controller | Iterable[Controller],
     *,

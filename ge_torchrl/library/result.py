@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.artefacts.folder import SUMMARY, RunFolder
+from ge_torchrl.artefacts.looking import check_run
 from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
 from ge_torchrl.config import Config
@@ -54,12 +55,7 @@ class Result:
         refines = config.refiner.enabled
         return cls(
             champion=Controller.of(artefacts.read_best_tree()),
-            controllers=Controllers(
-                {
-                    record.decision_nodes: Controller.of(artefacts.read_archive_tree(record.decision_nodes))
-                    for record in sizes
-                }
-            ),
+            controllers=controllers_of(artefacts),
             summary=summary,
             sizes=tuple(sizes),
             history=tuple(artefacts.read_history()),
@@ -110,6 +106,16 @@ class Result:
         yield from (f"warning: {warning}" for warning in summary.warnings)
 
 
+def controllers_of(artefacts: Artefacts) -> Controllers:
+    """Return the best controller of each number of decision nodes that a run has kept.
+
+    Raises:
+        ArtefactError: A file is missing.
+    """
+    sizes = [record.decision_nodes for record in artefacts.read_archive()]
+    return Controllers({size: Controller.of(artefacts.read_archive_tree(size)) for size in sizes})
+
+
 def load_run(folder: str | os.PathLike[str]) -> Result:
     """Load what a run left in its folder: that of `out=`, or of the command line.
 
@@ -119,4 +125,6 @@ def load_run(folder: str | os.PathLike[str]) -> Result:
     Raises:
         ArtefactError: There is no finished run, or one of its files cannot be read.
     """
-    return Result.of(RunFolder(Path(folder)))
+    path = Path(folder)
+    check_run(path, SUMMARY)
+    return Result.of(RunFolder(path))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import traceback
+from contextlib import suppress
 
 from ge_torchrl.artefacts.checkpoints import has_checkpoints
 from ge_torchrl.artefacts.memory import Artefacts
-from ge_torchrl.errors import ArtefactError, RunFaultError, UserError
+from ge_torchrl.errors import ArtefactError, EnvironmentFaultError, RunFaultError, UserError
 from ge_torchrl.run.recording import write_untested
 from ge_torchrl.search.conclusion import contenders_of, train_fitness_of
 from ge_torchrl.search.problem import Problem
@@ -66,10 +67,20 @@ def told_of_fault(fault: Exception, found: str, artefacts: Artefacts) -> Excepti
     Args:
         fault: What did.
         found: What there is to say of its trees.
-        artefacts: Takes the details where no user can mend it.
+        artefacts: Takes the details where no user can mend it, or where the user's own code raised.
     """
-    if isinstance(fault, UserError):
+    is_raised = isinstance(fault, EnvironmentFaultError) and fault.__cause__ is not None
+    if isinstance(fault, UserError) and not is_raised:
         return type(fault)(" ".join(f"{fault}; {found}".splitlines()))
-    details = artefacts.write_traceback("".join(traceback.format_exception(fault)))
+    details = _details(fault, artefacts)
+    if isinstance(fault, UserError):
+        return type(fault)(" ".join(f"{fault}; {found}{details}".splitlines()))
     text = " ".join(f"{type(fault).__name__}: {fault}".split())
     return RunFaultError(f"the run broke off ({text}); {found}{details}")
+
+
+def _details(fault: Exception, artefacts: Artefacts) -> str:
+    """Leave the whole traceback, and return what to say of that."""
+    with suppress(ArtefactError):
+        return artefacts.write_traceback("".join(traceback.format_exception(fault)))
+    return ""

@@ -41,7 +41,9 @@ def test_check_takes_an_id_or_a_choice_with_other_settings(surveyed, capsys):
     assert main(["check", "env=mountaincar"]) == 0
     assert capsys.readouterr().out == "what was found\n" * 2
     lander, hill = surveyed
-    assert (lander.env.id, lander.env.features, lander.env.kwargs) == ("LunarLander-v3", (), {"gravity": -5})
+    assert (lander.env.id, lander.env.features[0], lander.env.kwargs) == (
+        "LunarLander-v3", "x", {"gravity": -5}
+    )  # fmt: skip
     assert (hill.env.id, hill.env.features) == ("MountainCar-v0", ("position", "velocity"))
 
 
@@ -57,7 +59,10 @@ def test_check_takes_an_id_or_a_choice_with_other_settings(surveyed, capsys):
             "env.dynamics must be a file and a class in it, as in env.dynamics=plant.py:Class",
         ),
         (["init", "FrozenLake-v1"], "env.wrappers='[gymnasium.wrappers:FlattenObservation]'"),
-        (["chek", "A-v0"], "chek is unknown; expected key=value, such as seed=3, or check"),
+        (
+            ["chek", "A-v0"],
+            "chek is unknown; expected a command, or key=value, such as seed=3; got 'chek'; did you mean check?",
+        ),
     ],
 )
 def test_mistakes_are_one_line(arguments, told, capsys, tmp_path, monkeypatch):
@@ -83,7 +88,7 @@ def test_what_init_writes_composes_by_the_command_that_it_prints(tmp_path, monke
     assert "my_mountaincar.yaml" in first
     assert command == "  python -m ge_torchrl --config-dir 'own conf' env=my_mountaincar"
     assert main(["--config-dir", "own conf", "env=my_mountaincar", "--cfg", "job"]) == 0
-    assert "lt(x0, " in capsys.readouterr().out
+    assert "lt(position, " in capsys.readouterr().out
     assert main(["init", "MountainCar-v0", "--out", "own conf"]) == 2
     assert "is there already" in capsys.readouterr().err
 
@@ -91,26 +96,32 @@ def test_what_init_writes_composes_by_the_command_that_it_prints(tmp_path, monke
 @pytest.mark.parametrize(
     ("words", "features"),
     [
-        (["env.id=MountainCar-v0"], ()),
-        (["seed=3", "env.id='MountainCar-v0'", "ge.generations=3"], ()),
-        (["+env.id=MountainCar-v0"], ()),
+        (["env.id=MountainCar-v0"], ("position", "velocity")),
+        (["seed=3", "env.id='MountainCar-v0'", "ge.generations=3"], ("position", "velocity")),
+        (["+env.id=MountainCar-v0"], ("position", "velocity")),
         (["env=mountaincar", "env.id=MountainCar-v0"], ("position", "velocity")),
+        (["env=default", "env.id=MountainCar-v0"], ()),
         (["env.id=CartPole-v1"], ("x", "x_dot", "theta", "theta_dot")),
+        (["env.id=CartPole-v0"], ()),
     ],
 )
-def test_an_id_alone_does_not_keep_the_names_of_another_environment(experiment, words, features):
+def test_an_id_takes_the_file_that_names_it_and_no_other(words, features, experiment, capsys):
     assert main(words) == 0
     ((config, _),) = experiment.runs
     assert config.env.features == features
     assert (config.grammar.bnf is None) == (features == ())
+    told = capsys.readouterr().err
+    is_chosen = features != () and not any(word.startswith("env=") for word in words)
+    assert ("takes names, grammar and settings of env=" in told) == is_chosen
 
 
-def test_ids_are_swept_over(experiment):
+def test_ids_are_swept_over(experiment, capsys):
     assert main(["-m", "env.id=CartPole-v1,Acrobot-v1"]) == 0
     assert [(config.env.id, config.env.features) for config, _ in experiment.runs] == [
         ("CartPole-v1", ()),
         ("Acrobot-v1", ()),
     ]
+    assert "env=cartpole and env=acrobot would" in capsys.readouterr().err
 
 
 def test_an_experiment_keeps_its_environment(experiment, capsys):
@@ -145,5 +156,5 @@ def test_an_environment_that_takes_its_time_is_named_meanwhile(capsys, monkeypat
         return quick(config)
 
     monkeypatch.setattr(surveying, "survey", slow)
-    assert main(["check", "CartPole-v1"]) == 0
+    assert main(["check", "env=cartpole"]) == 0
     assert capsys.readouterr().err == "ge-torchrl: looking at CartPole-v1 ...\n"

@@ -61,7 +61,9 @@ def test_a_file_is_written_and_told(folder, capsys):
     assert main(["export", TREE, "--to", "c", "--out", "pole.c", "--name", "pole", "--unverified"]) == 0
     assert capsys.readouterr().out == "wrote pole.c, unverified\n"
     assert "int pole(" in (folder / "pole.c").read_text()
-    assert sorted(path.name for path in folder.iterdir()) == ["pole.c", "pole.onnx"]
+    assert main(["export", TREE, "--to", "json", "--out", "new/folder/pole.json", "--unverified"]) == 0
+    assert (folder / "new" / "folder" / "pole.json").is_file()
+    assert sorted(path.name for path in folder.iterdir()) == ["new", "pole.c", "pole.onnx"]
 
 
 def test_what_answers_otherwise_leaves_no_file_and_the_old_one_as_it_was(folder, capsys, monkeypatch):
@@ -81,6 +83,8 @@ def test_what_answers_otherwise_leaves_no_file_and_the_old_one_as_it_was(folder,
     ("words", "told"),
     [
         ([TREE, "--to", "rust"], "argument --to: invalid choice: 'rust' (choose from"),
+        ([TREE, "--to", "cpp"], "did you mean c?; see --help"),
+        ([TREE, "--to", "c", "--ot", "x"], "unrecognized arguments: --ot x; did you mean --out?; see --help"),
         ([TREE], "required: --to"),
         ([TREE, "--to", "onnx"], "--to onnx is no text for a terminal, so expected --out FILE"),
         ([TREE, "--to", "c", "--name", "2"], "--name must be letters"),
@@ -88,12 +92,15 @@ def test_what_answers_otherwise_leaves_no_file_and_the_old_one_as_it_was(folder,
             [TREE, "--to", "c", "--nodes", "2"],
             "--nodes chooses a tree of a run, so expected a run's folder; got",
         ),
+        ([TREE, "--to", "c", "--out", f"{TREE}/no.c"], "cannot be written: "),
         (
-            [TREE, "--to", "c", "--out", "no/folder.c"],
-            "no/folder.c cannot be written: No such file or directory",
+            ["nowhere.json", "--to", "c"],
+            "expected a tree's file or a run's folder; there is none at nowhere.json",
         ),
-        (["nowhere.json", "--to", "c"], "nowhere.json cannot be read"),
-        ([str(ROOT / "docs"), "--to", "c"], "best_tree.json cannot be read"),
+        (
+            [str(ROOT / "docs"), "--to", "c"],
+            "docs must be the folder of one run, which holds best_tree.json; it holds",
+        ),
         ([str(ROOT / "docs" / "trees" / "pendulum_one_split.json"), "--to", "sklearn"], "linear leaves"),
     ],
 )

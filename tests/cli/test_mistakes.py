@@ -1,5 +1,7 @@
 """What the user mistyped is told in one line, before anything is written."""
 
+import contextlib
+
 import pytest
 from pages_for_tests import ROOT
 
@@ -73,7 +75,7 @@ CONF = ROOT / "conf"
             "env.dynamics must be a file and a class in it, such as plant.py:Cart or null; got ''",
         ),
         (
-            ["env.id=CartPole-v1", "env.kwargs.TRACK=inf"],
+            ["env=cartpole", "env.kwargs.TRACK=inf"],
             "env.kwargs must be keys with values, such as {gravity: -5}; got {'TRACK': inf}; numbers must be finite",
         ),
         (
@@ -102,6 +104,7 @@ CONF = ROOT / "conf"
         ),
         (["hydra.job.chdir=maybe"], "Error merging override hydra.job.chdir=maybe"),
         (["--foo"], "--foo is an unknown flag"),
+        (["--cgf", "job"], "--cgf is an unknown flag; expected one that --help names; did you mean --cfg?"),
         (["--cfg", "foo"], "argument --cfg/-c: invalid choice: 'foo'"),
         (["--cfg", "job", "-m"], "Only one of --run, --multirun, --cfg"),
         (["seed=1", "-m", "env=cartpole"], "env=cartpole stands apart"),
@@ -126,9 +129,21 @@ CONF = ROOT / "conf"
         (["hydra.run.dir=null"], "hydra.run.dir must be a folder, because a run leaves its files there; got"),
         (
             ["evalute", "x"],
-            "evalute is unknown; expected key=value, such as seed=3, or evaluate; got 'evalute'",
+            "evalute is unknown; expected a command, or key=value, such as seed=3; got 'evalute'; did you mean",
         ),
-        (["reports"], "reports is unknown; expected key=value, such as seed=3, or report; got 'reports'"),
+        (
+            ["reports"],
+            "reports is unknown; expected a command, or key=value, such as seed=3; got 'reports'; did ",
+        ),
+        (
+            ["train"],
+            "expected key=value, such as seed=3; got 'train'; ge-torchrl help lists commands and keys",
+        ),
+        (
+            ["help", "expot"],
+            "expot is unknown; expected a command, or key=value, such as seed=3; got 'expot'; did",
+        ),
+        (["cartpol"], "expected key=value; got 'cartpol'; type env=cartpole"),
         (["evaluate"], "the following arguments are required: TREE_OR_RUN"),
         (
             ["evaluate", "tree", "--episodes", "0"],
@@ -160,6 +175,39 @@ def test_mistake_is_one_line_and_writes_nothing(experiment, tmp_path, capsys, ar
     assert printed.out == ""
     assert experiment.runs == []
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("experiment")
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("env=cartpol", "did you mean cartpole?"),
+        ("env=lunarlandr", "did you mean lunarlander?"),
+        ("env=CartPole-v1", "an id is typed env.id=CartPole-v1"),
+        ("refiner=pppo", "did you mean ppo?"),
+        ("grammar=cartpole", "did you mean thesis/cartpole?"),
+        ("grammar.splits=obliqe", "did you mean oblique?"),
+        ("env.route=Kernel", "did you mean kernel?"),
+        ("refiner.ppo.optimizer=adm", "did you mean adam?"),
+    ],
+)
+def test_the_nearest_name_is_asked_for(capsys, typed, meant):
+    assert main([typed]) == 2
+    assert capsys.readouterr().err.endswith(f"; {meant}\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        (["help"], "ge-torchrl export"),
+        (["help", "export"], "usage: ge-torchrl export"),
+        (["help", "help"], "ge-torchrl export"),
+    ],
+)
+def test_help_is_a_word_too(capsys, words, shown):
+    with contextlib.suppress(SystemExit):
+        assert main(words) == 0
+    assert shown in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("folder", "reason"), [("afile", "File exists"), ("afile/run", "Not a directory")])

@@ -43,6 +43,11 @@ def test_experiments_pin_what_they_pin(experiment):
     [
         ("CartPole-v1", {}, ["env=cartpole"]),
         ("Acrobot-v1", {"ge.restarts": 0}, ["env=acrobot", "ge.restarts=0"]),
+        ("Acrobot-v1", {"env.kwargs.gravity": 5}, ["env.id=Acrobot-v1", "env.kwargs.gravity=5"]),
+        ("default", {"env.id": "Acrobot-v1"}, ["env=default", "env.id=Acrobot-v1"]),
+        (None, {"env.id": "Acrobot-v1"}, ["env.id=Acrobot-v1"]),
+        (None, {"env.id": "Taxi-v3", "seed": 2}, ["env.id=Taxi-v3", "seed=2"]),
+        (None, {"env.dynamics": "plant.py:Cart"}, ["env.dynamics=plant.py:Cart"]),
         ("Taxi-v3", {}, ["env.id=Taxi-v3"]),
         (
             "plant.py:Cart",

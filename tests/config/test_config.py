@@ -138,6 +138,8 @@ def test_missing_section_is_reported_by_the_key_that_has_no_default():
     [
         ("ge.populaton_size", r"ge.populaton_size is unknown; .* such as ge.population_size; got"),
         ("evaluation.zzz", r"evaluation.zzz is unknown; .* such as evaluation.episodes, "),
+        ("ge.popsize", r".* such as ge.population_size; got ge.popsize$"),
+        ("popsize", r".* such as ge.population_size; got popsize$"),
         ("sed", r"sed is unknown; .* such as seed; got sed"),
         (
             "zzz",

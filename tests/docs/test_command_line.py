@@ -5,7 +5,7 @@ import re
 from pages_for_tests import ROOT
 
 from ge_torchrl.__main__ import main
-from ge_torchrl.cli import RUN, VERBS, statuses
+from ge_torchrl.cli import HELP, RUN, VERBS, statuses
 from ge_torchrl.cli.completing import SCRIPTS
 
 PAGE = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
@@ -18,7 +18,7 @@ def rows(head):
 
 
 def test_every_command_stands_in_the_table():
-    assert sorted(rows("| command | what it does |")) == sorted({*VERBS, RUN})
+    assert sorted(rows("| command | what it does |")) == sorted({*VERBS, RUN, HELP})
 
 
 def test_every_exit_status_stands_in_the_table():

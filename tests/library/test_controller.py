@@ -19,12 +19,32 @@ def controller(request):
 def test_it_is_saved_and_loaded(controller, tmp_path):
     controller.save(tmp_path / "tree.json")
     assert ge.load(tmp_path / "tree.json") == controller
-    with pytest.raises(ge.UserError, match=r"absent\.json cannot be read"):
+    with pytest.raises(
+        ge.UserError, match=r"expected a tree's file or a run's folder; there is none at .*absent\.json"
+    ):
         ge.load(tmp_path / "absent.json")
     with pytest.raises(ge.UserError, match=r"nodes chooses a tree of a run"):
         ge.load(tmp_path / "tree.json", nodes=3)
-    with pytest.raises(ge.UserError, match=r"best_tree\.json"):
+    with pytest.raises(ge.UserError, match=r"must be the folder of one run, which holds best_tree\.json"):
         ge.load(tmp_path)
+    controller.save(tmp_path / "new" / "folder" / "tree.json")
+    assert ge.load(tmp_path / "new" / "folder" / "tree.json") == controller
+
+
+@pytest.mark.parametrize(
+    "observation", [[None] * 4, ["a"] * 4, [1, 2, 3], None, [[1, 2], [3]], {"a": 1}, [1j] * 4, [[1, 2, 3, 4]]]
+)
+def test_what_is_no_observation_is_refused_in_one_line(controller, observation):
+    told = r"observed by 4 features, so expected as many numbers \(x, x_dot, theta, theta_dot\); got "
+    with pytest.raises(ge.UserError, match=told) as raised:
+        controller(observation)
+    assert isinstance(raised.value, ValueError)
+    assert "\n" not in str(raised.value)
+
+
+def test_the_pair_that_reset_returns_is_recognised(controller):
+    with pytest.raises(ge.UserError, match="the first is the observation"):
+        controller(([0.0, 0.0, 0.0, 0.0], {}))
 
 
 def test_it_shows_itself(controller):
@@ -57,7 +77,7 @@ class TestPolicy:
         assert played["action"].shape == (3, 5, 2)
         expected = controller.decide(observations.numpy().reshape(-1, 4)).reshape(3, 5)
         assert (played["action"].argmax(-1).numpy() == expected).all()
-        with pytest.raises(ValueError, match="observed by 4 features"):
+        with pytest.raises(ge.UserError, match="observed by 4 features"):
             controller.policy()(TensorDict({"observation": observations[..., :3]}, [3, 5]))
 
     def test_actions_that_are_numbers_are_clipped(self):

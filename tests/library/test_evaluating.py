@@ -10,7 +10,7 @@ CARTPOLE = "docs/trees/cartpole_two_decisions.json"
 def test_it_measures_what_the_command_line_measures(request):
     path = request.config.rootpath / CARTPOLE
     measured = ge.evaluate(ge.load(path), episodes=30, seed=7)
-    assert measured.summary == evaluate(path, 30, 7)
+    assert measured.summary == evaluate(path, 30, 7) == ge.evaluate(path, episodes=30, seed=7).summary
     assert measured.returns.shape == (30,)
     assert measured.mean == measured.returns.mean()
 
@@ -35,5 +35,16 @@ def test_the_interval_holds_the_mean(result):
 def test_mistakes_are_told_in_one_line(result, options, told):
     with pytest.raises(ge.UserError, match=told):
         ge.evaluate(result.champion, **options)
-    with pytest.raises(ge.UserError, match="controller must be a controller, such as"):
-        ge.evaluate("tree.json")
+
+
+@pytest.mark.parametrize(
+    ("controller", "options", "told"),
+    [
+        (3, {}, "controller must be a controller, such as result.champion gives, or the path of one; got 3"),
+        ("absent.json", {}, "expected a tree's file or a run's folder; there is none at absent.json"),
+        (CARTPOLE, {"episode": 3}, r"episode is no argument of evaluate, .*did you mean episodes\?$"),
+    ],
+)
+def test_what_is_no_controller_is_told(controller, options, told):
+    with pytest.raises(ge.UserError, match=told):
+        ge.evaluate(controller, **options)

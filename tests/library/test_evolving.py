@@ -3,6 +3,7 @@ from runs_for_tests import assert_same_bytes
 
 import ge_torchrl as ge
 from ge_torchrl.__main__ import main
+from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.run import experiment, running
 
 
@@ -54,8 +55,9 @@ class TestCallback:
         def callback(_):
             raise ZeroDivisionError("mine")
 
-        with pytest.raises(ZeroDivisionError, match=r"^mine$"):
+        with pytest.raises(ZeroDivisionError, match=r"^mine$") as raised:
             ge.evolve("cartpole", refiner="none", settings=small, callback=callback)
+        assert raised.value.champion([0.0, 0.0, 0.1, 0.1]) in (0, 1)
 
     def test_it_answers_yes_or_no(self, small):
         with pytest.raises(ge.UserError, match=r"callback must return True to stop, .* got 'stop'"):
@@ -80,8 +82,35 @@ class TestInterrupt:
             raise KeyboardInterrupt
 
         monkeypatch.setattr(running, "choose", impatient)
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(KeyboardInterrupt) as raised:
             ge.evolve("cartpole", refiner="none", settings=small)
+        assert raised.value.champion.names.id == "CartPole-v1"
+
+
+@pytest.mark.parametrize("out", [None, "run"])
+def test_what_breaks_off_carries_what_was_found(small, monkeypatch, tmp_path, out):
+    def broken(*_):
+        raise EnvironmentFaultError("CartPole-v1 raised") from ZeroDivisionError("mine")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(running, "choose", broken)
+    with pytest.raises(ge.UserError, match="the best tree so far is in ") as raised:
+        ge.evolve("cartpole", refiner="none", settings=small, out=out)
+    error = raised.value
+    assert ("in error.champion, untested" in str(error)) == (out is None)
+    assert error.champion([0.0, 0.0, 0.1, 0.1]) in (0, 1)
+    assert all(error.controllers[nodes].decision_nodes == nodes for nodes in error.controllers)
+    assert len(error.controllers) > 1
+    if out:
+        assert "ZeroDivisionError: mine" in (tmp_path / out / "traceback.txt").read_text()
+        assert str(error).endswith("; details are in run/traceback.txt")
+
+
+def test_what_breaks_off_before_a_tree_carries_none():
+    with pytest.raises(ge.UserError) as raised:
+        ge.evolve("CartPole-v7")
+    assert raised.value.champion is None
+    assert not raised.value.controllers
 
 
 def test_warnings_go_the_way_of_python_programs(small, monkeypatch, caplog):
@@ -107,6 +136,18 @@ def test_warnings_go_the_way_of_python_programs(small, monkeypatch, caplog):
         ([], {"seed": -1}, "seed must be an integer of at least 0.*got -1"),
         ([], {"refiner": "pppo"}, "refiner=pppo is unknown; expected one of cmaes, none, ppo, thesis"),
         ([], {"settings": {"logger": "csv"}}, "logger=csv writes beside the files of a run, so expected out"),
+        (
+            [],
+            {"generations": 3},
+            r"generations is no argument of evolve, .*settings=\{'ge.generations': 3\}\?$",
+        ),
+        ([], {"max_seconds": 3}, r"did you mean settings=\{'ge.max_seconds': 3\}\?$"),
+        ([], {"refner": "none"}, r"did you mean refiner\?$"),
+        (
+            [],
+            {"xyzzy": 1},
+            r"xyzzy is no argument of evolve, which takes environment, seed, .*; got xyzzy=1$",
+        ),
         ([lambda: None], {}, "must be the id of one that is registered"),
     ],
 )

@@ -42,5 +42,18 @@ def test_a_run_without_an_archive_has_no_controllers(small):
 
 
 def test_a_folder_without_a_finished_run_is_told(tmp_path):
-    with pytest.raises(ArtefactError, match=r"summary\.json cannot be read"):
+    with pytest.raises(
+        ArtefactError, match=r"must be the folder of one run, which holds summary\.json; it holds no run"
+    ):
+        ge.load_run(tmp_path)
+    with pytest.raises(ArtefactError, match=r"expected the folder of a run; .* is not there"):
+        ge.load_run(tmp_path / "nowhere")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "config.yaml").write_text("seed: 1")
+    with pytest.raises(
+        ArtefactError, match=r"must have summary\.json; .* ge-torchrl resume .*run goes on with it"
+    ):
+        ge.load_run(tmp_path / "run")
+    (tmp_path / "run" / "summary.json").write_text("{}")
+    with pytest.raises(ArtefactError, match=r"the first one below it is .*run$"):
         ge.load_run(tmp_path)
