@@ -44,6 +44,7 @@ def closing_text(
     refiner: str = "refinement",
     *,
     improved: int | None = None,
+    once_more: str = "",
     width: int | None = None,
 ) -> str:
     """Return the closing summary of a run.
@@ -55,6 +56,7 @@ def closing_text(
         archive: The best tree of each size; empty where the run kept none.
         refiner: What refined trees, such as "PPO".
         improved: How many of the refined trees became better; None where nobody counted.
+        once_more: What the last refinement changed; empty where there was none.
         width: Of the terminal; None where lines may be of any length.
     """
     nodes = counted(summary.decision_nodes, "decision node")
@@ -76,6 +78,7 @@ def closing_text(
             ),
         ),
         *_refinement_rows(summary, refiner, improved),
+        *([("once more", once_more)] if once_more else []),
         *(("warning", warning) for warning in summary.warnings),
         ("run folder", str(shown_path)),
         *([("page", str(shown_path / PAGE))] if (shown_path / PAGE).exists() else []),

@@ -10,7 +10,8 @@ from pathlib import Path
 from rich.console import Console
 
 from ge_torchrl.artefacts.checkpoints import has_checkpoints
-from ge_torchrl.artefacts.folder import PAGE, SUMMARY, RunFolder
+from ge_torchrl.artefacts.folder import CONFIG, PAGE, SUMMARY, RunFolder
+from ge_torchrl.artefacts.looking import check_run
 from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.artefacts.records import Summary
 from ge_torchrl.config import Config
@@ -61,6 +62,8 @@ def resume(path: Path, console: Console | None = None) -> Summary | None:
         if not (path / PAGE).exists():
             write_page_of_run(path, console)
         return None
+    if not has_checkpoints(path):
+        check_run(path, CONFIG)
     folder = RunFolder.reopen(path)
     try:
         config = folder.read_config()
@@ -88,6 +91,7 @@ def _to_the_end(
         finished.archive,
         finished.refiner,
         improved=finished.improved,
+        once_more=finished.once_more,
         width=console.width if console.is_terminal else None,
     )
     console.print(f"\n{text}", soft_wrap=True)

@@ -22,6 +22,7 @@ class Finished:
         archive: The best tree of each size.
         refiner: What refined trees, such as "PPO".
         improved: How many trees that bettered.
+        once_more: What the last refinement changed; empty where there was none, or before the run went on.
     """
 
     artefacts: Artefacts
@@ -30,6 +31,7 @@ class Finished:
     archive: list[ArchiveRecord]
     refiner: str
     improved: int
+    once_more: str = ""
 
 
 Observer = Callable[[GenerationRecord, SearchState, Names], bool]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType, TracebackType
 from typing import Self
 
@@ -20,8 +20,9 @@ from ge_torchrl.report.methods import method_of, refiner_of
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.costs import NOTHING, Cost
 from ge_torchrl.run.notebook import NotebookConsole, NotebookLive
+from ge_torchrl.run.progress_columns import aligned, cells, titles
 from ge_torchrl.run.refinement_lines import number, planned_refinements, refinement_line
-from ge_torchrl.run.remaining import Estimate, Pace, duration, rate
+from ge_torchrl.run.remaining import Estimate, Pace, duration
 
 # The table shows the generations that brought something new, and the last one.
 _SHOWN_ROWS = 12
@@ -61,7 +62,7 @@ class Progress:
         self._generations = generations
         self._refiner = refiner_of(method_of(config))
         self._refines_often = planned_refinements(config) > _MOST_REFINEMENTS
-        self._columns = _columns(config)
+        self._columns = titles(config)
         self._estimate = Estimate(config, search_share, refinement)
         self._left_after: dict[int, float] = {}
         self._compiles = compiles
@@ -99,6 +100,19 @@ class Progress:
             self._live.stop()
         self._print_held()
 
+    def recall(self, records: Sequence[GenerationRecord], after_search: float = 0.0) -> None:
+        """Take up the screen of a run that goes on, where it was.
+
+        Args:
+            records: All its generations so far.
+            after_search: Seconds that what follows the search is expected to take.
+        """
+        for record in records:
+            self._notice(record, after_search)
+        if records:
+            self._printed = self._last
+            self._started -= records[-1].elapsed_seconds
+
     def show(
         self,
         record: GenerationRecord,
@@ -112,17 +126,21 @@ class Progress:
             kept: The fitness of the best kept tree of each number of decision nodes.
             after_search: Seconds that what follows the search is expected to take.
         """
-        self._last, self._kept = record, kept
-        self._phase = f"generation {record.generation + 1}" if not self._is_last(record) else ""
-        self._steps = max(self._steps, record.env_steps)
-        self._left, self._left_from = self._estimate.seconds_left(record, after_search), time.monotonic()
-        self._left_after[record.generation] = self._left
-        if not self._milestones or _improves(record, self._milestones[-1]):
-            self._milestones.append(record)
+        self._kept = kept
+        self._notice(record, after_search)
         if self._live is not None:
             self._refresh_where_due()
         elif record.generation % max(1, self._generations // _PLAIN_LINES) == 0 or self._is_silent():
             self._print_record(record)
+
+    def expect(self, after_search: float, elapsed: float) -> None:
+        """Take notice of how long what is left of the run will take, whatever the generations said.
+
+        Args:
+            after_search: Seconds that it is expected to take.
+            elapsed: Seconds of the run so far.
+        """
+        self._left, self._left_from = self._estimate.within(after_search, elapsed), time.monotonic()
 
     def show_refinement(self, record: RefinementRecord) -> None:
         """Show a refinement above the live table, or as a line of its own; of many only new bests and failures."""
@@ -155,6 +173,15 @@ class Progress:
             self._refresh_where_due()
         elif self._is_silent():
             self._print(self._status())
+
+    def _notice(self, record: GenerationRecord, after_search: float) -> None:
+        self._last = record
+        self._phase = f"generation {record.generation + 1}" if not self._is_last(record) else ""
+        self._steps = max(self._steps, record.env_steps)
+        self._left, self._left_from = self._estimate.seconds_left(record, after_search), time.monotonic()
+        self._left_after[record.generation] = self._left
+        if not self._milestones or _improves(record, self._milestones[-1]):
+            self._milestones.append(record)
 
     def _is_last(self, record: GenerationRecord) -> bool:
         return record.generation + 1 >= self._generations
@@ -196,9 +223,8 @@ class Progress:
         self._print_cells(self._cells(record))
         self._printed = record
 
-    def _print_cells(self, cells: list[str]) -> None:
-        widths = (_WIDTHS[title] for title in self._columns)
-        self._print("  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
+    def _print_cells(self, texts: list[str]) -> None:
+        self._print(aligned(self._columns, texts))
 
     def _refresh_where_due(self) -> None:
         if time.monotonic() - self._shown_at >= _REFRESH_SECONDS:
@@ -237,32 +263,8 @@ class Progress:
             yield row
 
     def _cells(self, record: GenerationRecord) -> list[str]:
-        cells = {
-            _GENERATION: str(record.generation),
-            _BEST: number(record.best),
-            _MEDIAN: number(record.median_fitness),
-            _NODES: "-" if record.best_decision_nodes is None else str(record.best_decision_nodes),
-            _REFINED: f"{record.refined:,}",
-            _POLISHED: f"{record.polished:,}",
-            _RATE: rate(self._pace(record).steps_per_second),
-            _LEFT: duration(self._left_after[record.generation]),
-        }
-        return [cells[title] for title in self._columns]
-
-
-_GENERATION, _BEST, _MEDIAN, _NODES = "gen", "best", "median", "splits"
-_REFINED, _POLISHED, _RATE, _LEFT = "refined", "polished", "steps/s", "left"
-# All columns with two blanks between them fit a terminal of 72.
-_WIDTHS = {
-    _GENERATION: 5,
-    _BEST: 8,
-    _MEDIAN: 8,
-    _NODES: 6,
-    _REFINED: 7,
-    _POLISHED: 8,
-    _RATE: 8,
-    _LEFT: 7,
-}
+        speed = self._pace(record).steps_per_second
+        return cells(self._columns, record, speed, self._left_after[record.generation])
 
 
 def _live(console: Console) -> Live | NotebookLive:
@@ -274,12 +276,6 @@ def _live(console: Console) -> Live | NotebookLive:
 def print_line(console: Console, line: str) -> None:
     """Print a line as it is; a terminal gets it wrapped between words."""
     console.print(line, highlight=False, soft_wrap=not console.is_terminal, markup=False)
-
-
-def _columns(config: Config) -> tuple[str, ...]:
-    """Return the titles; trees are counted where there will be any."""
-    counts = (_REFINED,) * config.refiner.enabled + (_POLISHED,) * config.polish.enabled
-    return _GENERATION, _BEST, _MEDIAN, _NODES, *counts, _RATE, _LEFT
 
 
 def _improves(record: GenerationRecord, on: GenerationRecord) -> bool:

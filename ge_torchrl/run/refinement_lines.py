@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 from ge_torchrl.artefacts.records import RefinementRecord
 from ge_torchrl.config import Config
 from ge_torchrl.report.tables import counted
+
+# Of more gains these are told.
+_SHOWN = 6
 
 
 def planned_refinements(config: Config) -> int:
@@ -45,6 +51,24 @@ def _described(record: RefinementRecord) -> str:
             return "kept tree"
         case _:
             return f"{record.chosen} tree" if record.chosen else "tree"
+
+
+def bettered(before: Mapping[int, float], after: Mapping[int, float]) -> str:
+    """Return which of the best trees by their number of decision nodes a last refinement has bettered.
+
+    Args:
+        before: Their fitness.
+        after: Theirs afterwards.
+    """
+    better = {nodes: fitness for nodes, fitness in after.items() if fitness > before.get(nodes, -math.inf)}
+    told = f"kept trees of {counted(sum(nodes > 0 for nodes in before), 'size')} refined once more"
+    if not better:
+        return f"{told}, none became better"
+    gains = [
+        f"{nodes}: {number(before.get(nodes))} -> {number(fitness)}" for nodes, fitness in better.items()
+    ]
+    shown = [*gains[:_SHOWN], *(["..."] if len(gains) > _SHOWN else [])]
+    return f"{told}, {len(better)} became better; by decision nodes {', '.join(shown)}"
 
 
 def number(value: float | None) -> str:

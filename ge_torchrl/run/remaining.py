@@ -10,6 +10,7 @@ from statistics import median
 
 from ge_torchrl.artefacts.records import GenerationRecord
 from ge_torchrl.config import Config
+from ge_torchrl.run.allowance import Phase
 from ge_torchrl.run.costs import NOTHING, Cost
 from ge_torchrl.search.archive import ARCHIVE
 from ge_torchrl.search.problem import Problem
@@ -95,10 +96,20 @@ class Estimate:
         if ge.max_env_steps and search.steps > 0:
             most = self._share * ge.max_env_steps - record.env_steps
             search = search.times(max(0.0, min(1.0, most / search.steps)))
-        if ge.max_seconds is None:
-            return search.seconds + after_search
-        seconds = min(search.seconds, max(0.0, self._share * ge.max_seconds - elapsed))
-        return max(0.0, min(seconds + after_search, ge.max_seconds - elapsed))
+        seconds = search.seconds
+        if ge.max_seconds is not None:
+            seconds = min(seconds, max(0.0, self._share * ge.max_seconds - elapsed))
+        return self.within(seconds + after_search, elapsed)
+
+    def within(self, seconds: float, elapsed: float) -> float:
+        """Return as many seconds as the limit of the run leaves of those that are needed.
+
+        Args:
+            seconds: That are needed.
+            elapsed: Of the run so far.
+        """
+        limit = self._config.ge.max_seconds
+        return seconds if limit is None else max(0.0, min(seconds, limit - elapsed))
 
     def _notice(self, record: GenerationRecord) -> None:
         last, self._last = self._last, record
@@ -120,19 +131,23 @@ class Estimate:
         return refiner.enabled and refiner.schedule.applies_to(generation)
 
 
-def after_search(problem: Problem, state: SearchState, refine_seconds: float) -> float:
+def after_search(
+    problem: Problem, state: SearchState, refine_seconds: float, concluded: Collection[str] = ()
+) -> float:
     """Return the seconds that the last refinement, rounding, validation and test are expected to take.
 
     Args:
         problem: What is searched.
         state: Its last state.
         refine_seconds: What the refiner has taken so far.
+        concluded: Which of these phases are over.
     """
     config, backend, settings = problem.config, problem.backend, problem.config.archive
     nodes = Counter(member.tree.num_decision_nodes for member in state.archive.members)
     length, speed = _kept_length(problem, state), _kept_speed(problem)
     small = config.evaluation.steps_per_second or backend.steps_per_second
     n_refined = sum(min(kept, settings.final_keep) for size, kept in nodes.items() if size > 0)
+    n_refined *= Phase.FINAL_REFINEMENT.value not in concluded
     efforts = n_refined * settings.final_factor * settings.final_patience
     seconds = 0.0
     if problem.polisher is not None or config.refiner.method == "cmaes":
@@ -142,7 +157,7 @@ def after_search(problem: Problem, state: SearchState, refine_seconds: float) ->
         seconds += (efforts * config.polish.max_timesteps + settling) / max(speed, small)
     elif problem.refines:
         seconds += efforts * refine_seconds / max(1, state.counts.refined) * _SPENT
-    if problem.rounds and config.ge.max_env_steps:
+    if problem.rounds and config.ge.max_env_steps and Phase.ROUNDING.value not in concluded:
         seconds += _ROUNDING * config.ge.max_env_steps / speed
     evaluation, n_kept = config.evaluation, nodes.total()
     episodes = (n_kept + 2) * evaluation.validation_episodes + (len(nodes) + 2) * evaluation.test_episodes

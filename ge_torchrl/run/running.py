@@ -17,7 +17,6 @@ from ge_torchrl.environments.backend import Backend, LimitReachedError
 from ge_torchrl.errors import ArtefactError, GrammarError, UserError
 from ge_torchrl.interrupts import ignore_interrupts, last_words
 from ge_torchrl.report.methods import method_of, refiner_of
-from ge_torchrl.report.tables import counted
 from ge_torchrl.run.allowance import Allowance, Phase
 from ge_torchrl.run.broken_off import save_trees, save_what_there_is, told_of_fault
 from ge_torchrl.run.checkpointing import Checkpointing
@@ -34,17 +33,12 @@ from ge_torchrl.run.recording import (
     summary_of,
     write_verdict,
 )
+from ge_torchrl.run.refinement_lines import bettered
 from ge_torchrl.run.refining import refiners_of, with_batches
 from ge_torchrl.run.remaining import after_search
-from ge_torchrl.run.telling import warnings_told
+from ge_torchrl.run.telling import opening_line, warnings_told
 from ge_torchrl.run.tracking import tracking
-from ge_torchrl.search.conclusion import (
-    Verdict,
-    choose,
-    contenders_of,
-    examine,
-    refine_once_more,
-)
+from ge_torchrl.search.conclusion import Verdict, choose, contenders_of, examine, refine_once_more
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.refinement import IMPROVED
 from ge_torchrl.search.restarts import together
@@ -56,6 +50,7 @@ _logger = logging.getLogger(__name__)
 
 _TESTING = "Testing what was found; Ctrl-C again leaves it untested."
 INTERRUPT = "interrupt"
+_REFINED = (Phase.FINAL_REFINEMENT.value, Phase.ROUNDING.value)
 
 
 class Run:
@@ -82,7 +77,7 @@ class Run:
         self.checkpoints = Checkpointing(self.folder, self._save_trees)
         self.warnings: list[str] = []
         self.refine_seconds = self.polish_seconds = 0.0
-        self.improved = 0
+        self.improved, self.once_more = 0, ""
         self.stopped_by: str | None = None
         self.concluded: tuple[str, ...] = ()
         self.is_interrupted = False
@@ -128,12 +123,7 @@ class Run:
     def to_the_end(self) -> Finished:
         """Search and conclude; whatever ends it before, what there is is kept."""
         config, console = self.config, self.console
-        print_line(
-            console,
-            f"{self.backend.spec.id}, seed {config.seed}: {counted(config.ge.generations, 'generation')} of "
-            f"{config.ge.population_size} trees, {counted(config.evaluation.episodes, 'episode')} each, "
-            f"{self.backend.name} route",
-        )
+        print_line(console, opening_line(config, self.backend))
         with ExitStack() as opened:
             opened.enter_context(warnings_told(self.warnings, console))
             for note in self.notes:
@@ -145,6 +135,7 @@ class Run:
             self.tracker = opened.enter_context(tracking(config, self.folder.path, name))
             self.progress = opened.enter_context(self._progress())
             if self.search.state is not None:
+                self.progress.recall(self.folder.read_history(), self._seconds_after(self.search.state))
                 self.progress.say(f"Going on after generation {self.search.state.generation} ...")
             self.backend.on_steps = self.progress.beat
             opened.enter_context(last_words(self._save_what_there_is))
@@ -175,7 +166,7 @@ class Run:
             self.folder.finish()
         champion = Controller(verdict.champion.pruned, self.names)
         refiner = refiner_of(method_of(config))
-        return Finished(self.folder, summary, champion, records, refiner, self.improved)
+        return Finished(self.folder, summary, champion, records, refiner, self.improved, self.once_more)
 
     def _progress(self) -> Progress:
         config = self.config
@@ -210,6 +201,7 @@ class Run:
         else:
             state = self._finished(state)
         evolve_seconds = time.perf_counter() - self.started
+        self._expect(state, _REFINED)
         self.progress.say("Validation and test ...")
         self.backend.limit = self.allowance.until(Phase.VALIDATION)
         champion, by_size = choose(self.problem, contenders_of(self.problem, state))
@@ -236,13 +228,23 @@ class Run:
         """Return the state after a part of the conclusion, which a checkpoint may have brought already."""
         if phase.value in self.concluded:
             return state
+        self._expect(state)
         self.progress.say(say)
-        self.backend.limit = self.allowance.until(phase)
+        self.backend.limit, before = self.allowance.until(phase), best_by_nodes(state.archive)
         self.search.state = state = part(self.problem, state)
         self.concluded += (phase.value,)
+        if phase is Phase.FINAL_REFINEMENT:
+            self.once_more = bettered(before, best_by_nodes(state.archive))
+            self.progress.note(self.once_more)
         self._note_checkpoint()
         self.checkpoints.write()
         return state
+
+    def _expect(self, state: SearchState, concluded: tuple[str, ...] = ()) -> None:
+        self.progress.expect(self._seconds_after(state, concluded), time.perf_counter() - self.started)
+
+    def _seconds_after(self, state: SearchState, concluded: tuple[str, ...] = ()) -> float:
+        return after_search(self.problem, state, self.refine_seconds, concluded or self.concluded)
 
     def _tell_of_limit(self, state: SearchState, limit: str) -> None:
         self.progress.note(
@@ -272,8 +274,7 @@ class Run:
         self.history.write(record)
         kept = best_by_nodes(state.archive)
         self.tracker.generation(record, kept)
-        after = after_search(self.problem, state, self.refine_seconds)
-        self.progress.show(record, kept, after)
+        self.progress.show(record, kept, self._seconds_after(state))
         self._note_checkpoint()
         return self.observer(record, state, self.names)
 

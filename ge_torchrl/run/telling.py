@@ -1,4 +1,4 @@
-"""Warnings of the package on the screen of a run."""
+"""The first line on the screen of a run, and warnings of the package there."""
 
 from __future__ import annotations
 
@@ -8,7 +8,19 @@ from contextlib import contextmanager
 
 from rich.console import Console
 
+from ge_torchrl.config import Config
+from ge_torchrl.environments.backend import Backend
+from ge_torchrl.report.tables import counted
 from ge_torchrl.run.progress import print_line
+
+
+def opening_line(config: Config, backend: Backend) -> str:
+    """Return what a run says first: what it is about to do."""
+    return (
+        f"{backend.spec.id}, seed {config.seed}: {counted(config.ge.generations, 'generation')} of "
+        f"{config.ge.population_size} trees, {counted(config.evaluation.episodes, 'episode')} each, "
+        f"{backend.name} route"
+    )
 
 
 @contextmanager

@@ -1,10 +1,12 @@
 import math
 from pathlib import Path
 
+import pytest
 from records_for_tests import kept, summary
 from sweeps_for_tests import PRUNED, controller, leaf
 
 from ge_torchrl.run.closing import closing_text, tree_text
+from ge_torchrl.run.refinement_lines import bettered
 from ge_torchrl.trees.controller import Controller, Names
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -45,9 +47,12 @@ def test_the_archive_stands_between_with_a_mark_at_the_champion():
     ]
 
 
-def rows_of(refiner="PPO", improved=None, **changes):
+def rows_of(refiner="PPO", improved=None, once_more="", **changes):
     """Return the rows between effort and the folder."""
-    lines = closing_text(summary(**changes), LEAF, Path("run"), (), refiner, improved=improved).splitlines()
+    found = summary(**changes)
+    lines = closing_text(
+        found, LEAF, Path("run"), (), refiner, improved=improved, once_more=once_more
+    ).splitlines()
     return lines[[line.split()[0] if line else "" for line in lines].index("effort") + 1 : -1]
 
 
@@ -64,6 +69,29 @@ def test_what_was_refined_and_polished_is_told_with_the_champion():
         "polish      1 tree polished in 0.0 s; the champion is from the population"
     ]
     assert rows_of() == []
+    assert rows_of(once_more="kept trees") == ["once more   kept trees"]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (
+            {1: 9.0, 2: 500.0},
+            {1: 9.0, 2: 500.0},
+            "kept trees of 2 sizes refined once more, none became better",
+        ),
+        (
+            {0: 9.0, 2: 490.0},
+            {0: 9.0, 2: 500.0, 3: 400.0},
+            (
+                "kept trees of 1 size refined once more, 2 became better; by decision nodes "
+                "2: 490.00 -> 500.00, 3: - -> 400.00"
+            ),
+        ),
+    ],
+)
+def test_what_the_last_refinement_changed_is_one_line(before, after, told):
+    assert bettered(before, after) == told
 
 
 def test_one_of_a_thing_is_no_more():

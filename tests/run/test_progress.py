@@ -104,6 +104,38 @@ class TestPlainLines:
             "Validating, 3,000,000 steps of the environment in 1:06",
         ]
 
+    def test_a_run_that_goes_on_tells_pace_and_time_left_as_if_it_had_been_left_alone(self, clock):
+        pace = {"evaluation_seconds": 1.0, "variation_seconds": 0.0}
+        records = [
+            generation(number, 1.0, steps=1_000_000, elapsed_seconds=10.0 + 2 * number, **pace)
+            for number in range(6)
+        ]
+        outputs = []
+        for before in ([], records[:4]):
+            output = io.StringIO()
+            with Progress(console_to(output), 8, config(generations=8)) as progress:
+                progress.recall(before, after_search=3.0)
+                for one in records[len(before) :]:
+                    progress.show(one, after_search=3.0)
+                clock.now += 2.0
+                progress.beat(6_500_000)
+                outputs.append((output.getvalue().splitlines(), progress._status()))
+        (alone, _), (gone_on, status) = outputs
+        assert gone_on[1:] == alone[-2:]
+        # Seconds of before are seconds of the run.
+        assert status == "generation 6, 6,500,000 steps of the environment in 0:18, about 0:05 left"
+
+    def test_what_is_left_is_known_in_the_last_phases(self, clock):
+        output = io.StringIO()
+        settings = config(generations=100, max_seconds=60.0)
+        with Progress(console_to(output), 100, settings) as progress:
+            progress.show(record(1, 1.0, elapsed_seconds=20.0, evaluation_seconds=19.0))
+            progress.expect(90.0, elapsed=35.0)
+            progress.say("Refining")
+            clock.now += 10.0
+            progress.beat(2_000_000)
+        assert output.getvalue().splitlines()[-1].endswith("about 0:15 left")
+
     def test_the_row_that_was_held_back_comes_before_what_ends_the_search(self):
         output = io.StringIO()
         with Progress(console_to(output), 240, config(generations=240)) as progress:

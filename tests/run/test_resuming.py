@@ -206,11 +206,18 @@ class TestRefused:
         resume(tmp_path / "run")
 
     def test_a_folder_without_a_run(self, tmp_path):
-        with pytest.raises(ArtefactError, match="there is none at"):
+        with pytest.raises(ArtefactError, match=r"expected the folder of a run; .*none is not there"):
             resume(tmp_path / "none")
-        with pytest.raises(ArtefactError, match=r"holds no config\.yaml"):
+        with pytest.raises(
+            ArtefactError, match=r"must be the folder of one run, which holds config\.yaml; it holds no run"
+        ):
             resume(tmp_path)
         assert list(tmp_path.iterdir()) == []
+        (tmp_path / "sweep.json").write_text("{}")
+        with pytest.raises(
+            ArtefactError, match=r"ge-torchrl status .* tells which runs of the sweep are not done"
+        ):
+            resume(tmp_path)
 
     def test_a_long_run_without_checkpoints(self, tmp_path):
         killed(tmp_path / "run", "generation_record", 3)
