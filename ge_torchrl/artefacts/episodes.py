@@ -59,11 +59,13 @@ class Episodes:
         returns: [E] float64, of the champion in each test episode.
         visits: For each tree that was tested [L] int64, how often its leaves decided in these episodes.
         recorded: Some episodes, step by step.
+        step_seconds: How long a step is [s]; None where that is not known.
     """
 
     returns: NDArray[np.float64]
     visits: Mapping[str, NDArray[np.int64]]
     recorded: tuple[Episode, ...]
+    step_seconds: float | None = None
 
 
 def episodes_text(episodes: Episodes) -> str:
@@ -73,6 +75,8 @@ def episodes_text(episodes: Episodes) -> str:
         f'"returns": {json.dumps(episodes.returns.tolist(), allow_nan=False)}',
         f'"visits": {json.dumps({name: visits.tolist() for name, visits in episodes.visits.items()})}',
     ]
+    if episodes.step_seconds is not None:
+        entries.append(f'"step_seconds": {json.dumps(episodes.step_seconds, allow_nan=False)}')
     recorded = ",\n".join(_line(episode) for episode in episodes.recorded)
     return "{" + ",\n".join([*entries, f'"recorded": [\n{recorded}\n]']) + "}\n"
 
@@ -117,9 +121,16 @@ def read_episodes(path: Path) -> Episodes:
             returns=np.array(content["returns"], np.float64),
             visits={str(name): np.array(v, np.int64) for name, v in content["visits"].items()},
             recorded=tuple(_episodes(content["recorded"])),
+            step_seconds=_step_seconds(content.get("step_seconds")),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ArtefactError(f"{path} holds no episodes: {type(error).__name__}: {error}") from error
+
+
+def _step_seconds(value: Any) -> float | None:
+    if value is not None and not 0 < float(value) < float("inf"):
+        raise ArtefactError(f"step_seconds must be a time above 0; got {value}")
+    return None if value is None else float(value)
 
 
 def _episodes(lines: Sequence[Mapping[str, Any]]) -> Iterator[Episode]:

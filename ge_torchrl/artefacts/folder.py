@@ -238,5 +238,8 @@ def none_found(folder: Path, unreadable: Sequence[str]) -> ArtefactError:
     unfinished = [path.parent for path in _histories(folder) if not (path.parent / SUMMARY).exists()]
     if unfinished and not unreadable:
         many = f", and {len(unfinished) - 1} more," * (len(unfinished) > 1)
-        reason = f", but {unfinished[0]}{many} without {SUMMARY}: a run that goes on, or broke off"
+        reason = (
+            f", but {unfinished[0]}{many} without {SUMMARY}: a run that goes on, or broke off; report "
+            f"{unfinished[0]} tells what it has found so far"
+        )
     return ArtefactError(f"expected a folder with finished runs; found none in {name_of(folder)}{reason}")

@@ -2,11 +2,16 @@
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ge_torchrl.cli.output import form_of_tables
 from ge_torchrl.cli.parser import Parser
 from ge_torchrl.cli.statuses import OK
 from ge_torchrl.cli.waiting import HowFar
+from ge_torchrl.errors import UserError
+
+if TYPE_CHECKING:
+    from ge_torchrl.report.tables import Form
 
 
 def report(arguments: list[str]) -> int:
@@ -14,7 +19,8 @@ def report(arguments: list[str]) -> int:
     parser = Parser(
         prog="ge-torchrl report",
         description="Print a table of finished runs, and write a report with figures and drawn trees, and pages to "
-        "look at: report.html in the folder and in that of every run.",
+        "look at: report.html in the folder and in that of every run. Of a run that goes on or broke off, tell what it "
+        "has found so far.",
     )
     parser.add_argument(
         "folder", metavar="FOLDER", type=Path, help="a run's or sweep's folder, or any above them"
@@ -33,9 +39,16 @@ def report(arguments: list[str]) -> int:
     from ge_torchrl.report.html.writing import write_pages
     from ge_torchrl.report.pages import write_report
     from ge_torchrl.report.runs import gather_runs
+    from ge_torchrl.report.unfinished import is_unfinished
 
+    if is_unfinished(options.folder):
+        if options.against or options.output:
+            raise UserError(
+                f"--against and --output tell of finished runs, so expected one; the run in {options.folder} is not"
+            )
+        return _told_so_far(options.folder, form_of_tables(markdown=options.markdown))
     found = gather_runs(options.folder, options.against, HowFar("runs read"))
-    for line in found.unreadable:
+    for line in found.left_out:
         print(f"ge-torchrl: left out: {line}", file=sys.stderr)
     print(runs_tables(found.runs, form_of_tables(markdown=options.markdown)))
     if options.output is None and not has_matplotlib():
@@ -49,4 +62,14 @@ def report(arguments: list[str]) -> int:
         print(f"ge-torchrl: no page: {line}", file=sys.stderr)
     if pages.written is not None:
         print(f"page: {pages.written}")
+    return OK
+
+
+def _told_so_far(run: Path, form: "Form") -> int:
+    """Tell what a run without a verdict has found so far, and write its page."""
+    from ge_torchrl.report.html.writing import write_run_page
+    from ge_torchrl.report.unfinished import read_unfinished, unfinished_text
+
+    print(unfinished_text(read_unfinished(run), form))
+    print(f"\npage: {write_run_page(run)}")
     return OK

@@ -14,7 +14,7 @@ from ge_torchrl.library.keywords import keywords_told
 from ge_torchrl.report.evaluated import EvaluationSummary
 from ge_torchrl.report.evaluation import evaluate_tree
 from ge_torchrl.report.reading import environment_of_tree, read_tree
-from ge_torchrl.report.statistics import Interval, mean_interval
+from ge_torchrl.report.statistics import FEW, Interval, mean_interval
 from ge_torchrl.trees.controller import Controller
 
 _EPISODES = Rule("integer", at_least=1, at_most=MOST_EPISODES, because="a return is a mean over episodes")
@@ -47,7 +47,9 @@ class Evaluation:
     def __repr__(self) -> str:
         low, high = self.interval
         first, *others = self.summary.as_text().splitlines()
-        return "\n".join([first, f"95 % interval of the mean: {low:.3f} to {high:.3f}", *others])
+        # A few episodes say what they returned, and nothing of others.
+        told = [f"95 % interval of the mean: {low:.3f} to {high:.3f}"] * (self.summary.episodes >= FEW)
+        return "\n".join([first, *told, *others])
 
     def _repr_markdown_(self) -> str:
         return f"```text\n{self!r}\n```"

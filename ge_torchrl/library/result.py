@@ -15,9 +15,9 @@ from ge_torchrl.config import Config
 from ge_torchrl.library.controller import Controller
 from ge_torchrl.library.controllers import Controllers
 from ge_torchrl.report.evaluated import verdict
-from ge_torchrl.report.methods import method_of
+from ge_torchrl.report.methods import done_by, method_of
 from ge_torchrl.report.sizes import SizeRow, by_size, sizes_table, trees_of_archive
-from ge_torchrl.report.statistics import Interval, mean_interval
+from ge_torchrl.report.statistics import FEW, Interval, mean_interval
 from ge_torchrl.report.tables import counted
 from ge_torchrl.run.closing import drawn
 
@@ -80,7 +80,7 @@ class Result:
 
     def _told(self) -> str:
         summary = self.summary
-        method = method_of(self.config)
+        method = done_by(method_of(self.config), summary.refined, summary.polished)
         return (
             f"{self.champion.names.environment}, seed {summary.seed}, {method}: "
             f"{verdict(summary.solved, summary.solved_at)}"
@@ -93,8 +93,9 @@ class Result:
 
     def _lines(self) -> Iterator[str]:
         summary, (low, high) = self.summary, self.test_interval
+        interval = f" (95 % interval {low:.2f} to {high:.2f})" * (summary.test_episodes >= FEW)
         yield (
-            f"test mean {summary.test_mean:.2f} (95 % interval {low:.2f} to {high:.2f}) on "
+            f"test mean {summary.test_mean:.2f}{interval} on "
             f"{counted(summary.test_episodes, 'unseen episode')}, "
             f"{counted(summary.decision_nodes, 'decision node')}, M = {summary.complexity_M:g}"
         )

@@ -160,7 +160,7 @@ class SweepEvaluation:
         episodes: Number of episodes.
         seed: Episode `i` began with `reset(seed=seed + i)`.
         methods: For each environment and method its runs.
-        left_out: For every run that is not among them one line that names it and says why.
+        left_out: Lines that name the runs which are not among them, and say why.
     """
 
     episodes: int

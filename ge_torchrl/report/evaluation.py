@@ -25,7 +25,9 @@ from ge_torchrl.report.reading import environment_of_run, made, read_tree
 from ge_torchrl.report.settings import labels_of
 from ge_torchrl.report.sizes import SizedTree
 from ge_torchrl.report.tables import RunRow
+from ge_torchrl.report.twins import twins_told, without_twins
 from ge_torchrl.seeding import episode_seeds, stream
+from ge_torchrl.trees.controller import Names
 from ge_torchrl.trees.tree import DecisionTree
 
 _TEST, _VALIDATION = "test", "validation"
@@ -105,6 +107,8 @@ def evaluate_runs(
 ) -> SweepEvaluation:
     """Test the trees of all finished runs below a folder on the same episodes, as `evaluate` tests one.
 
+    Of runs with one configuration and seed one is tested.
+
     Each run validated its trees on episodes of its own, so that these means do not tell which run's tree of a size is
     best. The trees of archives are validated once more, on as many episodes as the test has, the same for all.
 
@@ -131,6 +135,8 @@ def evaluate_runs(
             left_out.append(f"{found.path}: {error}")
     if not runs:
         raise none_found(folder, left_out)
+    runs, twins = without_twins(runs)
+    left_out += twins_told(twins)
     if nodes is not None:
         left_out += [
             f"{run.path}: it has no tree with {nodes} decision nodes" for run in runs if not run.of(nodes)
@@ -171,6 +177,11 @@ class _Candidates:
     chosen: DecisionTree
     by_size: tuple[DecisionTree, ...]
     setting: str = ""
+
+    @property
+    def names(self) -> Names:
+        """Its environment."""
+        return self.spec.names
 
     @property
     def method(self) -> str:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ge_torchrl.artefacts.records import GenerationRecord
 from ge_torchrl.report.canvas import legend_beside, new_axes, run_colours
 from ge_torchrl.report.runs import Run
-from ge_torchrl.report.statistics import bootstrap_band
+from ge_torchrl.report.statistics import spread_band
+from ge_torchrl.report.unfinished import UnfinishedRun
 from ge_torchrl.search.restarts import begins_anew
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def best_curves(histories: Sequence[Sequence[GenerationRecord]]) -> NDArray[np.f
     return curves
 
 
-def starts_of(runs: Iterable[Run]) -> set[int]:
+def starts_of(runs: Iterable[Run | UnfinishedRun]) -> set[int]:
     """Return the generations with which some of these runs begin anew with another population."""
     return {
         generation
@@ -71,7 +72,8 @@ def convergence_figure(
 ) -> Figure:
     """Draw the mean best fitness over generations; bands are 95 % bootstrap intervals of the mean.
 
-    A generation in which some run has no tree yet is left out, and a line breaks where runs begin anew.
+    Of fewer than five runs a band is what they span. A generation in which some run has no tree yet is left out, and a
+    line breaks where runs begin anew.
     Compare the thesis' figures 4.1, 4.4 and 4.6.
 
     Args:
@@ -90,7 +92,7 @@ def convergence_figure(
         generations = np.flatnonzero(np.isfinite(curves).all(axis=0))
         known = curves[:, generations]
         if len(runs) > 1:
-            low, high = bootstrap_band(known, rng)
+            low, high = spread_band(known, rng)
             across, low, high = broken_at(anew, generations, low, high)
             axes.fill_between(across, low, high, color=colour, alpha=0.18, linewidth=0)
         label = f"{method}, mean of {len(runs)} runs" if len(runs) > 1 else method

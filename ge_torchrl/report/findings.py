@@ -7,8 +7,9 @@ from itertools import groupby
 
 import numpy as np
 
+from ge_torchrl.report.methods import refiner_of
 from ge_torchrl.report.runs import Run
-from ge_torchrl.report.statistics import Interval, bootstrap_interval, wilson_interval
+from ge_torchrl.report.statistics import FEW, Interval, spread_of, wilson_interval
 from ge_torchrl.report.tables import Form, RunRow, Table, counted, runs_table
 from ge_torchrl.report.thesis.beside import published_beside, published_columns, published_in_short, source_of
 
@@ -106,15 +107,20 @@ def solved_text(runs: Sequence[Run]) -> str:
 
 
 def interval_text(value: float, interval: Interval, n: int) -> str:
-    """Return a number with its interval; of one run there is none."""
-    return f"{value:.2f}" if n == 1 else f"{value:.2f} ({interval.low:.2f} to {interval.high:.2f})"
+    """Return a number with its interval; of few runs with what they span, and of one alone."""
+    if n == 1:
+        return f"{value:.2f}"
+    return f"{value:.2f} ({'range ' * (n < FEW)}{interval.low:.2f} to {interval.high:.2f})"
 
 
 def _title(runs: Sequence[Run], mark: str) -> str:
     first = runs[0].summary
     threshold = "" if first.solved_at is None else f", solved from {first.solved_at:g}"
+    refiner = refiner_of(runs[0].method)
+    idle = f"; {refiner} refined no tree" * bool(refiner and not any(run.summary.refined for run in runs))
     return (
-        f"{mark}{runs[0].environment} {runs[0].label}{mark} ({first.test_episodes} test episodes{threshold})"
+        f"{mark}{runs[0].environment} {runs[0].label}{mark} "
+        f"({first.test_episodes} test episodes{threshold}{idle})"
     )
 
 
@@ -131,7 +137,7 @@ def _warnings(runs: Sequence[Run]) -> list[str]:
 
 
 def _mean(values: Sequence[float], rng: np.random.Generator) -> str:
-    return interval_text(float(np.mean(values)), bootstrap_interval(values, rng), len(values))
+    return interval_text(float(np.mean(values)), spread_of(values, rng), len(values))
 
 
 def _gap(trained: Sequence[float], tested: Sequence[float]) -> str:

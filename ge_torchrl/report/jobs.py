@@ -9,11 +9,8 @@ from typing import NamedTuple
 
 from ge_torchrl.artefacts.folder import HISTORY, SUMMARY, TRACEBACK, RunFolder
 from ge_torchrl.errors import ArtefactError
-from ge_torchrl.printing import message_of
-from ge_torchrl.reading import is_there, read_bytes
+from ge_torchrl.report.unfinished import FAILED, RUNNING, state_of
 
-# Of a traceback, with messages as long as an environment likes.
-_MOST_BYTES = 16 << 20
 _NOTHING = "it failed before it began, or has not begun"
 _NUMBERED = re.compile(r"(\d+)(?:_|$)")
 
@@ -23,13 +20,15 @@ class UnfinishedJob(NamedTuple):
 
     Attributes:
         name: Its folder, below the one that was asked for; or "job 3" where it has none.
-        state: "failed", "unfinished" or "missing".
+        state: "running", "failed", "stopped" or "missing", as `status` has it.
         told: What is known of it, in one line.
+        path: Its folder; None where it left nothing to look at.
     """
 
     name: str
     state: str
     told: str
+    path: Path | None = None
 
 
 def unfinished_jobs(folder: Path) -> list[UnfinishedJob]:
@@ -41,30 +40,20 @@ def unfinished_jobs(folder: Path) -> list[UnfinishedJob]:
 
 def _job(path: Path, folder: Path) -> UnfinishedJob:
     name = path.relative_to(folder).as_posix() if path != folder else path.name
-    trace = path / TRACEBACK
-    if is_there(trace):
-        return UnfinishedJob(name, "failed", _last_line(trace))
+    state, fault = state_of(path)
+    if state == FAILED:
+        return UnfinishedJob(name, state, fault, path)
     try:
         history = RunFolder(path).read_history()
     except ArtefactError:
         history = []
     if not history:
-        return UnfinishedJob(name, "unfinished", "no generation is written yet")
+        return UnfinishedJob(name, state, "no generation is written yet", path)
     last = history[-1]
     best = "" if last.best is None else f", best fitness {last.best:.2f}"
-    return UnfinishedJob(
-        name,
-        "unfinished",
-        f"{last.generation + 1} generations in {last.elapsed_seconds:.0f} s{best}; goes on or broke off",
-    )
-
-
-def _last_line(trace: Path) -> str:
-    try:
-        lines = read_bytes(trace, _MOST_BYTES).decode("utf-8", errors="replace").strip().splitlines()
-    except ArtefactError as error:
-        return str(error)
-    return message_of(lines[-1]) if lines else "no reason is written down"
+    after = "" if state == RUNNING else "; resume goes on with it"
+    told = f"{last.generation + 1} generations in {last.elapsed_seconds:.0f} s{best}{after}"
+    return UnfinishedJob(name, state, told, path)
 
 
 def _missing(folder: Path) -> Iterator[UnfinishedJob]:

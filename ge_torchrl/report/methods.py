@@ -34,6 +34,27 @@ def added_by(method: str) -> str:
     return "PPO" if method == THESIS else method.removeprefix(GE).removeprefix("+").replace("+", " and ")
 
 
+def done_by(method: str, refined: int, polished: int) -> str:
+    """Return by which method a run searched in the end, and what it did not come to.
+
+    Args:
+        method: One of `METHODS`, as it was set.
+        refined: How many trees its refiner refined.
+        polished: How many trees were polished.
+
+    Returns:
+        Such as "GE+PPO", or "GE+polish; PPO refined no tree" of GE+PPO+polish whose PPO was never due.
+    """
+    refiner, done, idle = refiner_of(method), method, []
+    if refiner and not refined:
+        done = done.replace(method.removesuffix(_POLISH), GE)
+        idle.append(f"{refiner} refined no tree")
+    if method.endswith(_POLISH) and not polished:
+        done = done.removesuffix(_POLISH)
+        idle.append("no tree was polished")
+    return "; ".join([done, *idle])
+
+
 def _is_thesis(config: Config) -> bool:
     """Tell whether nothing is added to PPO on individuals, and fitness alone selects."""
     return not config.archive.enabled and not config.polish.enabled and config.ge.parsimony == "none"

@@ -20,6 +20,7 @@ from ge_torchrl.report.methods import GE, METHODS, THESIS, added_by, refiner_of
 from ge_torchrl.report.refinements import refinements_text
 from ge_torchrl.report.runs import FoundRuns, Run, best_run, gather_runs
 from ge_torchrl.report.sizes import are_of_one_run, by_size, sizes_figure, sizes_table
+from ge_torchrl.report.statistics import FEW
 from ge_torchrl.report.tables import counted
 from ge_torchrl.report.thesis.beside import published_beside, refinements_of
 from ge_torchrl.report.thesis.figures import pairs_figure, ringed, solving_figure
@@ -60,8 +61,8 @@ def write_report(folder: Path, against: Path | None, output: Path, found: FoundR
     sections = [_head(folder, found)]
     for _, runs in groupby(found.runs, key=lambda run: run.environment):
         sections += _environment(list(runs), output, rng)
-    if found.unreadable:
-        sections += ["## Left out", "\n".join(f"* {in_markdown(line)}" for line in found.unreadable)]
+    if found.left_out:
+        sections += ["## Left out", "\n".join(f"* {in_markdown(line)}" for line in found.left_out)]
     path = output / REPORT
     with told_of(output):
         output.mkdir(parents=True, exist_ok=True)
@@ -73,7 +74,8 @@ def _head(folder: Path, found: FoundRuns) -> str:
     return (
         f"# Report of {in_markdown(folder.resolve().name)}\n\n"
         f"{counted(len(found.runs), 'finished run')}, read by ge_torchrl {__version__}. {_methods(found.runs)}. "
-        "Numbers in brackets are 95 % intervals: Wilson's for rates, bootstrapped over runs for means and medians.\n\n"
+        "Numbers in brackets are 95 % intervals: Wilson's for rates, bootstrapped over runs for means and medians. "
+        f"Fewer than {FEW} runs give no such interval, but the range of what they say.\n\n"
         f"{overview_table(found.runs)}"
     )
 
@@ -136,9 +138,18 @@ def _figures(methods: Mapping[str, Sequence[Run]], stem: Path, rng: np.random.Ge
     yield _image(
         save_figure(figure, stem.with_name(f"{stem.name}-fitness"))[0],
         "Mean best fitness",
-        "Mean best training fitness of all runs over generations, refined trees included; the band is the 95 % "
-        f"bootstrap interval of the mean.{anew}",
+        f"Mean best training fitness of all runs over generations, refined trees included.{_bands(methods)}{anew}",
     )
+
+
+def _bands(methods: Mapping[str, Sequence[Run]]) -> str:
+    """Return what the bands around the means of methods are."""
+    numbers = [len(runs) for runs in methods.values() if len(runs) > 1]
+    told = [
+        *(["the 95 % bootstrap interval of the mean"] if max(numbers, default=0) >= FEW else []),
+        *([f"where runs are fewer than {FEW}, what they span"] if min(numbers, default=FEW) < FEW else []),
+    ]
+    return f" The band is {'; '.join(told)}." if told else ""
 
 
 def _pair_figures(pairs: Sequence[Pair], solved_at: float, stem: Path) -> Iterator[str]:

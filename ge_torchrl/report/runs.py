@@ -12,11 +12,12 @@ from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, Refine
 from ge_torchrl.config import Config
 from ge_torchrl.errors import ArtefactError, UserError
 from ge_torchrl.report.measuring import Told, tell_nobody
-from ge_torchrl.report.methods import METHODS, method_of
+from ge_torchrl.report.methods import METHODS, done_by, method_of
 from ge_torchrl.report.settings import labels_of
 from ge_torchrl.report.sizes import SizedTree, trees_of_archive
 from ge_torchrl.report.tables import counted
-from ge_torchrl.trees.controller import Controller
+from ge_torchrl.report.twins import Twin, twins_told, without_twins
+from ge_torchrl.trees.controller import Controller, Names
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,19 @@ class Run:
         return method_of(self.config)
 
     @property
+    def done(self) -> str:
+        """By which method it searched in the end: "GE; PPO refined no tree" where that was never due."""
+        return done_by(self.method, self.summary.refined, self.summary.polished)
+
+    @property
+    def names(self) -> Names:
+        """Its environment, and the names of its features and actions."""
+        return self.pruned.names
+
+    @property
     def environment(self) -> str:
         """Its id, with what it was made with besides: runs of another gravity or limit are of another environment."""
-        return self.pruned.names.environment
+        return self.names.environment
 
     @property
     def seed(self) -> int:
@@ -78,19 +89,28 @@ class FoundRuns(NamedTuple):
     Attributes:
         runs: Runs in the order of environment, method as in `METHODS`, setting, seed and path.
         unreadable: For every run that cannot be read one line that names it and says why.
+        twins: Runs that have the configuration and seed of one among `runs`.
     """
 
     runs: tuple[Run, ...]
     unreadable: tuple[str, ...]
+    twins: tuple[Twin, ...] = ()
 
     @classmethod
-    def in_order(cls, runs: Iterable[Run], unreadable: Iterable[str]) -> FoundRuns:
+    def in_order(
+        cls, runs: Iterable[Run], unreadable: Iterable[str], twins: Iterable[Twin] = ()
+    ) -> FoundRuns:
         """Return these runs in their order, each with the setting that tells it from others."""
 
         def order(run: Run) -> tuple[str, int, str, int, Path]:
             return run.environment, METHODS.index(run.method), run.setting, run.seed, run.path
 
-        return cls(tuple(sorted(_told_apart(runs), key=order)), tuple(unreadable))
+        return cls(tuple(sorted(_told_apart(runs), key=order)), tuple(unreadable), tuple(twins))
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What is in no table, in lines."""
+        return (*self.unreadable, *twins_told(self.twins))
 
 
 def _told_apart(runs: Iterable[Run]) -> Iterator[Run]:
@@ -104,7 +124,7 @@ def _told_apart(runs: Iterable[Run]) -> Iterator[Run]:
 
 
 def read_runs(folder: Path, told: Told = tell_nobody) -> FoundRuns:
-    """Read all finished runs in a folder and below it.
+    """Read all finished runs in a folder and below it; of one configuration and seed, one.
 
     Args:
         folder: A run's or a sweep's folder, or any above them.
@@ -124,7 +144,8 @@ def read_runs(folder: Path, told: Told = tell_nobody) -> FoundRuns:
         told(number, len(all_found))
     if not runs:
         raise none_found(folder, unreadable)
-    return FoundRuns.in_order(runs, unreadable)
+    counted_once, twins = without_twins(runs)
+    return FoundRuns.in_order(counted_once, unreadable, twins)
 
 
 def read_run(path: Path) -> Run:
@@ -188,7 +209,9 @@ def gather_runs(folder: Path, against: Path | None = None, told: Told = tell_nob
             f"--against must hold runs of a method that {folder} lacks in the same environment, to compare them; "
             f"those in {against} are of {', '.join(sorted({f'{r.environment} {r.method}' for r in others.runs}))}"
         )
-    return FoundRuns.in_order([*found.runs, *added], [*found.unreadable, *others.unreadable])
+    return FoundRuns.in_order(
+        [*found.runs, *added], [*found.unreadable, *others.unreadable], [*found.twins, *others.twins]
+    )
 
 
 def best_run(runs: Iterable[Run]) -> Run:

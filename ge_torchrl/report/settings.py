@@ -23,7 +23,7 @@ def settings_of(config: Config) -> Mapping[str, str]:
 
 def differing(configs: Sequence[Config]) -> list[str]:
     """Return the keys whose values are not the same in all configurations, in the order of `Config`."""
-    return _differing(_compared(configs))
+    return _differing(compared(configs))
 
 
 def labels_of(configs: Sequence[Config]) -> list[str]:
@@ -34,11 +34,11 @@ def labels_of(configs: Sequence[Config]) -> list[str]:
     Returns:
         Texts such as `ge.generations=50, refiner.method=none`; empty ones where nothing differs.
     """
-    compared = _compared(configs)
-    keys = _differing(compared)
+    alike = compared(configs)
+    keys = _differing(alike)
     of_text: dict[str, dict[tuple[str, ...], int]] = {}
     labels = []
-    for settings in compared:
+    for settings in alike:
         whole = tuple(settings.get(key, "") for key in keys)
         text = ", ".join(f"{key}={_short(value)}" for key, value in zip(keys, whole, strict=True))
         number = of_text.setdefault(text, {}).setdefault(whole, len(of_text[text]) + 1)
@@ -56,7 +56,7 @@ def _short(value: str) -> str:
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
 
 
-def _compared(configs: Sequence[Config]) -> list[Mapping[str, str]]:
+def compared(configs: Sequence[Config]) -> list[Mapping[str, str]]:
     """Return the settings of configurations; where budgets differ that follow the measured speed, they are alike."""
     told = [dict(settings_of(config)) for config in configs]
     for key in _FROM_SPEED:

@@ -8,12 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+FEW = 5
+"""Fewer values than this say what they span and no more: a resample of three holds one of them alone too often."""
 # Values of resamples that are in memory at a time: of thousands of runs all would take gigabytes.
 _MOST_DRAWN = 2_000_000
 
 
 class Interval(NamedTuple):
-    """A confidence interval.
+    """A confidence interval, or what few values span.
 
     Attributes:
         low: Lower end.
@@ -22,6 +24,36 @@ class Interval(NamedTuple):
 
     low: float
     high: float
+
+
+def spread_of(values: ArrayLike, rng: np.random.Generator, *, statistic: str = "mean") -> Interval:
+    """Return the 95 % bootstrap interval of a mean or a median; of fewer than `FEW` values the least and the greatest.
+
+    Args:
+        values: [R] one value a run.
+        rng: Draws the resamples.
+        statistic: "mean" or "median".
+    """
+    observed = np.asarray(values, dtype=np.float64)
+    if 0 < observed.size < FEW:
+        return Interval(float(observed.min()), float(observed.max()))
+    return bootstrap_interval(observed, rng, statistic=statistic)
+
+
+def spread_band(curves: ArrayLike, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the same of the mean curve, point by point.
+
+    Args:
+        curves: [R, T] one curve a run.
+        rng: Draws the resamples.
+
+    Returns:
+        [2, T] lower and upper end.
+    """
+    observed = np.asarray(curves, dtype=np.float64)
+    if len(observed) < FEW:
+        return np.stack([observed.min(axis=0), observed.max(axis=0)])
+    return bootstrap_band(observed, rng)
 
 
 def bootstrap_interval(

@@ -17,6 +17,8 @@ from ge_torchrl.artefacts.episodes import BEST, CHAMPION, FULL, MEDIAN, WORST, E
 from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.environments.backend import Backend, LimitReachedError, Trajectory
 from ge_torchrl.environments.pictures import pictures_of
+from ge_torchrl.environments.plants.plant import names_plant, read_plant
+from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report.html.scenes import DRAWN
 from ge_torchrl.run.progress import print_line
@@ -68,7 +70,15 @@ def record_episodes(problem: Problem, verdict: Verdict) -> Episodes:
         pass
     except Exception as error:  # noqa: BLE001 - the run has its verdict, and ends well without this.
         _logger.warning("No more episodes could be recorded: %s", " ".join(str(error).split()))
-    return Episodes(verdict.test_returns, _visits(verdict), tuple(recorded))
+    seconds = _step_seconds(problem.backend.spec)
+    return Episodes(verdict.test_returns, _visits(verdict), tuple(recorded), seconds)
+
+
+def _step_seconds(spec: EnvironmentSpec) -> float | None:
+    """Return how long a step is, which a plant with a derivative tells; a wrapper may take several."""
+    if spec.names.wrappers or not names_plant(spec.id):
+        return None
+    return read_plant(spec.id, spec.names.kwargs).dt or None
 
 
 def keep_episodes(artefacts: Artefacts, problem: Problem, verdict: Verdict) -> None:

@@ -74,3 +74,13 @@ def test_an_episode_of_unequal_lengths_is_refused(tmp_path):
     path.write_text(json.dumps(content))
     with pytest.raises(ArtefactError, match="one observation more"):
         read_episodes(path)
+
+
+def test_how_long_a_step_is_comes_back_where_it_is_known(tmp_path):
+    for seconds in (None, 0.01):
+        path = tmp_path / "episodes.json"
+        path.write_text(episodes_text(Episodes(np.zeros(1), {}, (), seconds)))
+        assert read_episodes(path).step_seconds == seconds
+    path.write_text(path.read_text().replace("0.01", "-1"))
+    with pytest.raises(ArtefactError, match="step_seconds must be a time above 0"):
+        read_episodes(path)

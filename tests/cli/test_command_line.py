@@ -9,6 +9,7 @@ from ge_torchrl import __main__ as command_line
 from ge_torchrl.__main__ import main
 from ge_torchrl.artefacts.folder import CONFIG, RunFolder
 from ge_torchrl.errors import EnvironmentFaultError, RunFaultError
+from ge_torchrl.report.html.parts import COMMAND
 
 
 def test_each_run_has_a_folder_of_its_own_and_nothing_else_is_written(experiment, tmp_path):
@@ -58,11 +59,15 @@ def test_an_experiment_may_stand_beside_its_own_environment(experiment):
 def test_the_configuration_of_a_run_is_read_again_as_its_page_says(experiment, tmp_path):
     assert main(["env=mountaincar", "seed=7", "ge.generations=9"]) == 0
     given, _ = experiment.runs[0]
-    RunFolder.create(tmp_path / "RUN", given)
+    RunFolder.create(tmp_path / "sweep" / "RUN", given)
     form = f"--config-path $PWD/RUN --config-name {Path(CONFIG).stem}"
     assert form in (ROOT / "docs" / "sweeps.md").read_text()
-    assert main(form.replace("$PWD", str(tmp_path)).split()) == 0
-    assert experiment.runs[1][0] == given
+    assert COMMAND.replace('"', "").replace("RUN_FOLDER", "RUN") == f"python -m ge_torchrl {form}"
+    assert main(form.replace("$PWD", str(tmp_path / "sweep")).split()) == 0
+    again, folder = experiment.runs[1]
+    assert again == given
+    # Where the command is typed, so that no report of the sweep meets it.
+    assert folder.is_relative_to(tmp_path / "outputs")
 
 
 def test_run_that_broke_off_is_one_line_and_a_fault(experiment, capsys):

@@ -143,7 +143,7 @@ def test_generations_to_solve_are_compared_with_the_runs_of_ge_alone(results, pa
             methods = ["GE"] if way == "alone" else ["GE+PPO"]
             sweep(tmp_path / "solving" / name / way, default_tables.ENVIRONMENTS[name], 475.0, methods)
     results.main(["solving", "--write", "--folder", str(tmp_path)])
-    assert "| MountainCar-v0: individuals | 2 | 2 | 1 | 0.50 (0.50 to 0.50) |" in pages[0].read_text()
+    assert "| MountainCar-v0: individuals | 2 | 2 | 1 | 0.50 (range 0.50 to 0.50) |" in pages[0].read_text()
 
 
 def test_the_default_is_evaluated_anew(results, pages, tmp_path, monkeypatch):

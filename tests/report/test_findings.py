@@ -55,9 +55,9 @@ def test_a_method_in_words(runs):
     assert text.startswith(runs_tables(of("GE", runs)).partition("\n\n")[2])
     assert text.splitlines()[-4:] == [
         "* Solved: 1 of 2 (9% to 91%).",
-        "* Mean training fitness: 500.00 (500.00 to 500.00).",
-        "* Mean test return: 293.70 (100.00 to 487.40). The training fitness is 206.30 above it on average.",
-        "* Mean complexity M: 53.40 (53.40 to 53.40).",
+        "* Mean training fitness: 500.00 (range 500.00 to 500.00).",
+        "* Mean test return: 293.70 (range 100.00 to 487.40). The training fitness is 206.30 above it on average.",
+        "* Mean complexity M: 53.40 (range 53.40 to 53.40).",
     ]
     assert "hesis" not in text
     assert "Thesis: Table 4.3. A seed does not make the same run in two programs" in method_text(
@@ -96,7 +96,7 @@ def test_runs_of_different_settings_are_never_averaged_together(tmp_path):
 
 def test_seeds_that_stand_twice_are_noticed(tmp_path):
     write_run(tmp_path / "a")
-    write_run(tmp_path / "b")
+    write_run(tmp_path / "b", version="0.0.9")
     assert "* Some seeds stand more than once" in method_text(read_runs(tmp_path).runs, rng())
 
 
@@ -109,3 +109,18 @@ def test_warnings_are_told_once(tmp_path):
         f"* Warning of 2 runs (seed 3 first): {warned}",
         "* Warning of 1 run (seed 7 first): another",
     ]
+
+
+def test_a_refiner_that_was_never_due_is_told_of(tmp_path):
+    for seed in (0, 1):
+        write_run(tmp_path / str(seed), "GE+PPO", seed=seed, refined=0)
+    title = "**CartPole-v1 GE+PPO** (100 test episodes, solved from 475; PPO refined no tree)"
+    assert runs_tables(read_runs(tmp_path).runs).startswith(title)
+
+
+def test_five_runs_have_an_interval_and_four_a_range(tmp_path):
+    for seed in range(5):
+        write_run(tmp_path / str(seed), seed=seed, test_mean=100.0 * seed)
+    runs = read_runs(tmp_path).runs
+    assert "* Mean test return: 150.00 (range 0.00 to 300.00)." in method_text(runs[:4], rng())
+    assert "range" not in method_text(runs, rng())

@@ -2,7 +2,7 @@ import pytest
 from sweeps_for_tests import KEEPING, METHODS, config
 
 from ge_torchrl.report import methods
-from ge_torchrl.report.methods import added_by, method_of, refiner_of
+from ge_torchrl.report.methods import added_by, done_by, method_of, refiner_of
 
 
 @pytest.mark.parametrize(
@@ -36,3 +36,20 @@ def test_what_adds_to_the_thesis_is_not_the_thesis(changes):
 
 def test_ge_with_the_settings_of_the_thesis_is_ge_alone():
     assert method_of(config("thesis", refiner="none")) == "GE"
+
+
+@pytest.mark.parametrize(
+    ("method", "refined", "polished", "told"),
+    [
+        ("GE+PPO+polish", 5, 9, "GE+PPO+polish"),
+        ("GE+PPO+polish", 0, 9, "GE+polish; PPO refined no tree"),
+        ("GE+PPO+polish", 5, 0, "GE+PPO; no tree was polished"),
+        ("GE+PPO+polish", 0, 0, "GE; PPO refined no tree; no tree was polished"),
+        ("GE+CMA-ES", 0, 0, "GE; CMA-ES refined no tree"),
+        ("thesis", 0, 0, "GE; PPO refined no tree"),
+        ("thesis", 3, 0, "thesis"),
+        ("GE", 0, 0, "GE"),
+    ],
+)
+def test_what_was_done_is_told_and_not_what_was_set(method, refined, polished, told):
+    assert done_by(method, refined, polished) == told

@@ -49,7 +49,7 @@ def test_runs_come_by_environment_then_method_then_seed(tmp_path):
         ]
     ):
         write_run(tmp_path / "deep" / str(number), method, seed=seed, environment=environment)
-    runs, unreadable = read_runs(tmp_path)
+    runs, unreadable, _ = read_runs(tmp_path)
     assert [(run.environment, run.method, run.seed) for run in runs] == [
         ("Acrobot-v1", "GE", 0),
         ("CartPole-v1", "thesis", 3),
@@ -66,7 +66,7 @@ def test_runs_of_one_id_made_otherwise_are_of_another_environment(tmp_path):
     for number, made in enumerate([{}, {"kwargs": {"gravity": 1.6}}, {}, {"max_episode_steps": 900}]):
         path = write_run(tmp_path / str(number), seed=number)
         write_controller(path / "best_tree.json", Controller(PRUNED, replace(CARTPOLE, **made)))
-    runs, _ = read_runs(tmp_path)
+    runs = read_runs(tmp_path).runs
     assert [(run.environment, run.seed) for run in runs] == [
         ("CartPole-v1", 0),
         ("CartPole-v1", 2),
@@ -84,7 +84,7 @@ def test_a_run_with_an_unreadable_file_is_named_and_left_out(tmp_path, name):
     write_run(tmp_path / "whole")
     broken = write_run(tmp_path / "broken")
     (broken / name).write_text("{")
-    runs, (line,) = read_runs(tmp_path)
+    runs, (line,), _ = read_runs(tmp_path)
     assert [run.path.name for run in runs] == ["whole"]
     assert line.startswith(f"{broken}: ")
 
@@ -139,5 +139,5 @@ def test_a_folder_of_unfinished_runs_alone_says_so(tmp_path):
         read_runs(tmp_path)
     assert str(told.value) == (
         f"expected a folder with finished runs; found none in {tmp_path}, but {tmp_path / 'a'}, and 1 more, without "
-        "summary.json: a run that goes on, or broke off"
+        f"summary.json: a run that goes on, or broke off; report {tmp_path / 'a'} tells what it has found so far"
     )

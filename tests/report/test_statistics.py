@@ -4,7 +4,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ge_torchrl.report import statistics
-from ge_torchrl.report.statistics import bootstrap_band, bootstrap_interval, wilson_interval
+from ge_torchrl.report.statistics import (
+    bootstrap_band,
+    bootstrap_interval,
+    spread_band,
+    spread_of,
+    wilson_interval,
+)
 
 
 @pytest.mark.parametrize(
@@ -95,3 +101,19 @@ def test_intervals_of_thousands_of_runs_are_drawn_in_parts_to_the_same_bits(monk
         return bootstrap_interval(values, rng, statistic=statistic, n_resamples=501), rng.random()
 
     assert found(10**9) == found(37 * 100 + 5) == found(1)
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_few_values_are_told_as_what_they_span(n):
+    values = [1.0, 1.0, 1.0, 9.0][-n:]
+    assert spread_of(values, np.random.default_rng(0)) == (min(values), max(values))
+    band = spread_band([[value, 2 * value] for value in values], np.random.default_rng(0))
+    assert band.tolist() == [[min(values), 2 * min(values)], [max(values), 2 * max(values)]]
+
+
+def test_enough_values_have_an_interval():
+    values, rngs = [1.0, 1.0, 1.0, 1.0, 9.0], [np.random.default_rng(0) for _ in range(4)]
+    assert spread_of(values, rngs[0]) == bootstrap_interval(values, rngs[1])
+    curves = [[value] for value in values]
+    assert (spread_band(curves, rngs[2]) == bootstrap_band(curves, rngs[3])).all()
+    assert spread_of(values, rngs[0]).high < 9.0

@@ -80,7 +80,9 @@ def write_run(
 ):
     """Write a finished run; `settings` are of `config`, `changes` of its summary."""
     generations = history([100.0, 500.0]) if generations is None else generations
-    found = summary(seed=seed, generations=len(generations), **changes)
+    does = METHODS[method]
+    done = {"refined": int(does["refiner"] != "none"), "polished": does.get("polish", 0)}
+    found = summary(seed=seed, generations=len(generations), **{**done, **changes})
     planned = {"environment": found.environment, "generations": max(1, len(generations)), **(settings or {})}
     made = config(method, seed=seed, **planned)
     folder = RunFolder.create(path, made)

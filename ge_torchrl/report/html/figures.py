@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from statistics import NormalDist
 
-from ge_torchrl.report.statistics import Interval
+from ge_torchrl.report.statistics import FEW, Interval
 
 _Z = NormalDist().inv_cdf(0.975)
 
@@ -16,14 +16,14 @@ def number(value: float | None, decimals: int = 2) -> str:
 
 
 def mean_interval(mean: float, sd: float, n: int) -> Interval | None:
-    """Return the 95 % interval of a mean of `n` episodes, by the normal approximation; None for a lone one.
+    """Return the 95 % interval of a mean of `n` episodes, by the normal approximation; None for a few.
 
     Args:
         mean: Of the returns.
         sd: Their standard deviation, with `n` in its denominator.
         n: Number of episodes.
     """
-    if n < 2:
+    if n < FEW:
         return None
     margin = _Z * sd / math.sqrt(n - 1)
     return Interval(mean - margin, mean + margin)

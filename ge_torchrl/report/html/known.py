@@ -1,4 +1,4 @@
-"""What is known of some tasks besides: the best return that trees of a size can reach, and the thesis' trees."""
+"""What is known of some tasks besides: the best return that trees of a size can reach, the thesis' trees, the clock."""
 
 from __future__ import annotations
 
@@ -17,6 +17,19 @@ _POSSIBLE: Mapping[str, tuple[float, ...]] = MappingProxyType(
         "MountainCar-v0": (-119.4, -115.5, -100.3, -98.7, -98.6, -98.6, -97.9, -97.9),
     }
 )
+# How long a step is [s], as Gymnasium integrates it; MountainCar knows no seconds.
+_STEP_SECONDS = MappingProxyType(
+    {
+        "CartPole-v0": 0.02,
+        "CartPole-v1": 0.02,
+        "Acrobot-v1": 0.2,
+        "Pendulum-v1": 0.05,
+        "LunarLander-v2": 0.02,
+        "LunarLander-v3": 0.02,
+        "LunarLanderContinuous-v2": 0.02,
+        "LunarLanderContinuous-v3": 0.02,
+    }
+)
 # A split on one feature adds so much to the metric M, of which the thesis tells.
 _M_OF_A_SPLIT = 17.8
 
@@ -30,6 +43,11 @@ def known_of(names: Names) -> list[dict[str, Any]]:
     if names.environment != names.id:
         return []
     return [*_possible(names.id), *_published(names.id)]
+
+
+def step_seconds_of(names: Names) -> float | None:
+    """Return how long a step of an environment is [s]; None where that is not known, or a wrapper may take several."""
+    return None if names.wrappers else _STEP_SECONDS.get(names.id)
 
 
 def _possible(environment: str) -> Iterator[dict[str, Any]]:

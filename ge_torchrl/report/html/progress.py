@@ -9,13 +9,14 @@ from typing import Any
 from ge_torchrl.artefacts.records import RefinementRecord
 from ge_torchrl.report.figures import starts_of
 from ge_torchrl.report.runs import Run
+from ge_torchrl.report.unfinished import UnfinishedRun
 
 _IMPROVED, _SKIPPED = "improved", "skipped"
 # A table of more is no longer read.
 _MOST_SHOWN = 100
 
 
-def progress_values(run: Run) -> dict[str, Any]:
+def progress_values(run: Run | UnfinishedRun) -> dict[str, Any]:
     """Return a run's generations, refinements by generation, and the refinements that changed most."""
     return {
         "generations": [

@@ -6,13 +6,22 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from ge_torchrl.artefacts.checkpoints import has_checkpoints
 from ge_torchrl.artefacts.episodes import CHAMPION, FULL, Episodes
 from ge_torchrl.artefacts.folder import CONFIG, RunFolder
 from ge_torchrl.artefacts.records import Summary
-from ge_torchrl.reading import is_there, read_text
+from ge_torchrl.reading import read_text
 from ge_torchrl.report.html.episodes import episode_values
 from ge_torchrl.report.html.figures import mean_interval, number, seconds, short_count
-from ge_torchrl.report.html.known import known_of
+from ge_torchrl.report.html.known import known_of, step_seconds_of
+from ge_torchrl.report.html.parts import (
+    COMMAND,
+    command_markup,
+    facts_markup,
+    going_on_markup,
+    rule_text,
+    verdict_markup,
+)
 from ge_torchrl.report.html.progress import progress_values
 from ge_torchrl.report.html.template import Markup, element, filled, joined, table
 from ge_torchrl.report.html.trees import environment_values, tree_values
@@ -29,9 +38,9 @@ SCRIPTS = (
     "strips.js",
     "partition.js",
     "charts.js",
+    "again.js",
     "run.js",
 )
-_COMMAND = 'cd RUN_FOLDER && python -m ge_torchrl --config-path "$PWD" --config-name config'
 
 
 def run_page(folder: RunFolder, run: Run | None = None) -> str:
@@ -55,9 +64,11 @@ def run_values(folder: RunFolder, run: Run, episodes: Episodes | None) -> dict[s
     summary, names = run.summary, run.pruned.names
     return {
         "environment": environment_values(names),
+        "isTested": True,
         "solvedAt": summary.solved_at,
         "trees": list(_trees(folder, run, episodes)),
         "episodes": episode_values(episodes),
+        "stepSeconds": (episodes.step_seconds if episodes else None) or step_seconds_of(names),
         "returns": [] if episodes is None else [_plain(value) for value in episodes.returns.tolist()],
         "progress": progress_values(run),
         "known": known_of(names),
@@ -72,7 +83,7 @@ def _trees(folder: RunFolder, run: Run, episodes: Episodes | None) -> Iterator[d
         "key": CHAMPION,
         "title": f"champion, {counted(summary.decision_nodes, 'node')}",
         **tree_values(run.pruned, visits.get(CHAMPION)),
-        "test": test,
+        "measured": test,
     }
     if run.full.tree != run.pruned.tree:
         nodes = run.full.tree.num_decision_nodes
@@ -80,7 +91,7 @@ def _trees(folder: RunFolder, run: Run, episodes: Episodes | None) -> Iterator[d
             "key": FULL,
             "title": f"champion unpruned, {counted(nodes, 'node')}",
             **tree_values(run.full, visits.get(FULL)),
-            "test": {"mean": summary.test_mean_full},
+            "measured": {"mean": summary.test_mean_full},
         }
     for record in run.archive:
         if record.decision_nodes == summary.decision_nodes:
@@ -91,7 +102,7 @@ def _trees(folder: RunFolder, run: Run, episodes: Episodes | None) -> Iterator[d
             "key": key,
             "title": f"best with {counted(record.decision_nodes, 'node')}",
             **tree_values(controller, visits.get(key)),
-            "test": _measured(record.test_mean, record.test_std, summary.test_episodes),
+            "measured": _measured(record.test_mean, record.test_std, summary.test_episodes),
         }
 
 
@@ -114,12 +125,9 @@ def _texts(folder: RunFolder, run: Run) -> dict[str, str]:
         "environment": run.environment,
         "verdict": _verdict(summary),
         "facts": _facts(run),
-        "warnings": joined(
-            element("p", f"Warning: {warning}", class_="note") for warning in summary.warnings
-        ),
-        "rule_text": read_rule(folder),
-        # Words stay whole, hyphens and all.
-        "command": Markup(" ".join(element("span", word, class_="word") for word in _COMMAND.split())),
+        "warnings": joined([*_going_on(run), *_warnings(summary)]),
+        "rule_text": rule_text(folder.path),
+        "command": command_markup(COMMAND),
         "settings": table(("setting", "value"), [*_settings(run)], caption="What the run was given"),
         "costs": table(
             ("steps of the environment for", "steps"),
@@ -132,10 +140,19 @@ def _texts(folder: RunFolder, run: Run) -> dict[str, str]:
     }
 
 
-def read_rule(folder: RunFolder) -> str:
-    """Return the champion as text, for a reader without scripts."""
-    path = folder.path / "best_tree.txt"
-    return read_text(path) if is_there(path) else ""
+def _going_on(run: Run) -> Iterator[Markup]:
+    """Yield that an interrupted run was tested as it stood, and how it goes on."""
+    summary = run.summary
+    if summary.stopped_by == "interrupt":
+        of = f"{summary.generations} of {counted(run.config.ge.generations, 'generation')}"
+        yield element("p", f"Interrupted after {of}, and tested as it stood then.", class_="note")
+        if has_checkpoints(run.path):
+            yield going_on_markup()
+
+
+def _warnings(summary: Summary) -> Iterator[Markup]:
+    for warning in summary.warnings:
+        yield element("p", f"Warning: {warning}", class_="note")
 
 
 def _by_steps(entry: tuple[str, int]) -> int:
@@ -158,11 +175,7 @@ def _verdict(summary: Summary) -> Markup:
     if summary.solved_at is not None:
         about += f"; solved from {summary.solved_at:g}".replace("-", "\u2212")
     mean = element("strong", number(summary.test_mean), data_figure="test_mean")
-    return element(
-        "p",
-        joined([element("span", word, class_=f"badge {state}"), " mean return ", mean, about, "."]),
-        class_="verdict",
-    )
+    return verdict_markup(state, word, ["mean return ", mean, about, "."])
 
 
 def _facts(run: Run) -> Markup:
@@ -174,20 +187,17 @@ def _facts(run: Run) -> Markup:
         ("complexity M", f"{summary.complexity_M:g}", "complexity_M"),
         ("spread of a return", f"± {number(summary.test_std)}", "test_std"),
         *([("unpruned", number(summary.test_mean_full), "test_mean_full")] if unpruned else []),
-        ("method", run.method, "method"),
+        ("method", run.done, "method"),
         ("seed", str(summary.seed), "seed"),
         ("generations", str(summary.generations), "generations"),
         ("took", seconds(summary.wall_seconds), "wall_seconds"),
     ]
-    return joined(
-        element("div", joined([element("dt", name), element("dd", value, data_figure=key)]))
-        for name, value, key in facts
-    )
+    return facts_markup(facts)
 
 
 def _settings(run: Run) -> Iterator[tuple[str, str]]:
     config, summary = run.config, run.summary
-    yield "method", run.method
+    yield "method", run.done
     yield "grammar", config.grammar.name
     yield "population", f"{config.ge.population_size:,}"
     stopped = "" if summary.stopped_by == "generations" else f", stopped by {summary.stopped_by}"

@@ -6,18 +6,17 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
-from urllib.parse import quote
 
 import numpy as np
 
-from ge_torchrl.artefacts.folder import PAGE
 from ge_torchrl.report.html.figures import number, seconds
+from ge_torchrl.report.html.places import name_below, named, page_of, short_names
 from ge_torchrl.report.html.template import Markup, element, filled, joined, table
 from ge_torchrl.report.jobs import UnfinishedJob, unfinished_jobs
 from ge_torchrl.report.runs import FoundRuns, Run, best_run
 from ge_torchrl.report.settings import differing, labels_of, shown_setting
 from ge_torchrl.report.sizes import by_size, sizes_table
-from ge_torchrl.report.statistics import bootstrap_interval, wilson_interval
+from ge_torchrl.report.statistics import FEW, spread_of, wilson_interval
 from ge_torchrl.report.tables import counted
 from ge_torchrl.version import __version__
 
@@ -71,7 +70,7 @@ def sweep_page(folder: Path, found: FoundRuns) -> str:
         "name": folder.resolve().name,
         "verdict": _verdict(found.runs, unfinished, found.unreadable),
         "sections": joined(sections),
-        "unfinished": _unfinished(unfinished, found.unreadable),
+        "left_out": _left_out(folder, unfinished, found),
         "version": __version__,
     }
     return filled("sweep.html", (), {}, values)
@@ -131,8 +130,8 @@ def _dots(groups: Sequence[Group], folder: Path, rng: np.random.Generator) -> Ma
         returns = [run.summary.test_mean for run in group.runs]
         dots = [_dot(run, folder, left(run.summary.test_mean)) for run in group.runs]
         band = []
-        if len(returns) > 1:
-            interval = bootstrap_interval(returns, rng)
+        if len(returns) >= FEW:
+            interval = spread_of(returns, rng)
             width = 100 * (interval.high - interval.low) / (high - low)
             band = [element("i", class_="band", style=f"{left(interval.low)};width:{max(width, 0.3):.2f}%")]
         rows.append(element("div", group.label, class_="name"))
@@ -141,7 +140,9 @@ def _dots(groups: Sequence[Group], folder: Path, rng: np.random.Generator) -> Ma
         [element("span", number(low)), element("span", "mean test return"), element("span", number(high))]
     )
     rows += [element("div", "", class_="name"), element("div", ends, class_="ends")]
-    note = "A dot is a run, and leads to its page; the bar is the 95 % interval of the mean over runs."
+    note = "A dot is a run, and leads to its page."
+    if any(len(group.runs) >= FEW for group in groups):
+        note += f" The bar is the 95 % interval of the mean over runs, where there are {FEW} or more."
     if solved_at is not None:
         note += " The green line is where the task counts as solved."
     return element(
@@ -153,18 +154,10 @@ def _dots(groups: Sequence[Group], folder: Path, rng: np.random.Generator) -> Ma
 
 def _dot(run: Run, folder: Path, place: str) -> Markup:
     told = f"seed {run.seed}: {number(run.summary.test_mean)}, {counted(run.summary.decision_nodes, 'decision node')}"
-    link = _link(run, folder)
+    link = page_of(run.path, folder)
     return element(
         "a" if link else "span", "", class_="dot", style=place, title=told, href=link, aria_label=told
     )
-
-
-def _link(run: Run, folder: Path) -> str | None:
-    """Return the address of a run's page from the sweep's; None where it has none."""
-    page = run.path / PAGE
-    if run.path == folder or not page.exists() or not page.is_relative_to(folder):
-        return None
-    return quote(page.relative_to(folder).as_posix())
 
 
 def _groups_table(groups: Sequence[Group], rng: np.random.Generator) -> Markup:
@@ -205,14 +198,16 @@ def _with_interval(values: Sequence[float], rng: np.random.Generator) -> str:
     mean = number(float(np.mean(values)))
     if len(values) == 1:
         return mean
-    low, high = bootstrap_interval(values, rng)
-    return f"{mean} ({number(low)} to {number(high)})"
+    low, high = spread_of(values, rng)
+    return f"{mean} ({'range ' * (len(values) < FEW)}{number(low)} to {number(high)})"
 
 
 def _runs_table(runs: Sequence[Run], keys: Sequence[str], folder: Path) -> Markup:
-    best = best_run(runs)
+    best, names = best_run(runs), short_names(runs, folder)
     head = ["run", *keys, "seed", "decision nodes", "M", "validation", "test mean", "± sd", "solved", "time"]
-    rows = [[*_run_cells(run, keys, folder, is_best=run is best)] for run in runs]
+    rows = [
+        [_run_cell(run, names[run.path], folder, is_best=run is best), *_run_cells(run, keys)] for run in runs
+    ]
     caption = (
         "Every run"
         if len(runs) == 1
@@ -221,13 +216,16 @@ def _runs_table(runs: Sequence[Run], keys: Sequence[str], folder: Path) -> Marku
     return table(head, rows, caption=caption)
 
 
-def _run_cells(run: Run, keys: Sequence[str], folder: Path, *, is_best: bool) -> Iterator[str]:
-    summary, link = run.summary, _link(run, folder)
-    name = run.path.name if run.path == folder else run.path.relative_to(folder).as_posix()
-    told: str = element("a", name, href=link) if link else name
-    yield (
-        joined([told, " ", element("span", "best in validation", class_="badge solved")]) if is_best else told
-    )
+def _run_cell(run: Run, short: str, folder: Path, *, is_best: bool) -> Markup:
+    """Return the cell that names a run and leads to its page."""
+    link, whole = page_of(run.path, folder), name_below(run.path, folder)
+    name = element("a" if link else "span", short, class_="folder", title=whole, href=link)
+    best = [" ", element("span", "best in validation", class_="badge solved")] if is_best else []
+    return joined([name, *best])
+
+
+def _run_cells(run: Run, keys: Sequence[str]) -> Iterator[str]:
+    summary = run.summary
     for key in keys:
         yield shown_setting(run.config, key)
     yield str(run.seed)
@@ -250,14 +248,22 @@ def _sizes(group: Group) -> Markup:
     return element("details", joined([element("summary", title), inner]))
 
 
-def _unfinished(jobs: Sequence[UnfinishedJob], unreadable: Sequence[str]) -> Markup:
-    rows: list[tuple[str, str, str]] = [(job.name, job.state, job.told) for job in jobs]
-    rows += [(line.partition(": ")[0], "unreadable", line.partition(": ")[2]) for line in unreadable]
+def _left_out(folder: Path, jobs: Sequence[UnfinishedJob], found: FoundRuns) -> Markup:
+    rows = [
+        [named(job.name, page_of(job.path, folder) if job.path else None), job.state, job.told]
+        for job in jobs
+    ]
+    for line in found.unreadable:
+        name, _, told = line.partition(": ")
+        rows.append([named(name, None), "unreadable", told])
+    for twin in found.twins:
+        told = f"has the configuration and seed of {name_below(twin.of, folder)}"
+        rows.append([named(name_below(twin.path, folder), page_of(twin.path, folder)), "again", told])
     if not rows:
         return Markup("")
     parts = [
-        element("h2", "Not finished"),
-        element("p", "These jobs are in no figure above.", class_="lead"),
+        element("h2", "In no figure"),
+        element("p", "These jobs and runs are counted in no figure above.", class_="lead"),
         table(("job", "state", "what is known"), rows),
     ]
     return element("section", joined(parts))

@@ -96,7 +96,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, caption: str = 
         for row in cells
     )
     parts = [element("thead", element("tr", titles)), element("tbody", body)]
-    named = [element("caption", caption), *parts] if caption else parts
+    named = [element("caption", element("span", caption)), *parts] if caption else parts
     return element(
         "div",
         element("table", joined(named)),

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from ge_torchrl.artefacts.folder import PAGE, RunFolder
 from ge_torchrl.artefacts.texts import write_text
 from ge_torchrl.errors import UserError
-from ge_torchrl.report.html.run_page import run_page
+from ge_torchrl.report.html.run_page import SCRIPTS, run_page
 from ge_torchrl.report.html.sweep_page import sweep_page
+from ge_torchrl.report.html.unfinished_page import unfinished_page
+from ge_torchrl.report.jobs import unfinished_jobs
 from ge_torchrl.report.measuring import Told, tell_nobody
 from ge_torchrl.report.runs import FoundRuns, Run
+from ge_torchrl.report.unfinished import is_unfinished, read_unfinished
 
 
 def write_run_page(path: Path, run: Run | None = None) -> Path:
-    """Write the page of a finished run into its folder and return its path.
+    """Write the page of a run into its folder and return its path; of one without a verdict what there is so far.
 
     Args:
         path: The folder.
@@ -27,6 +31,11 @@ def write_run_page(path: Path, run: Run | None = None) -> Path:
         InvalidTreeError: A tree's file holds no valid tree.
     """
     page = path / PAGE
+    if run is None and is_unfinished(path):
+        write_text(page, unfinished_page(read_unfinished(path), SCRIPTS))
+        if is_unfinished(path):
+            return page
+        # It came to its end meanwhile, and its own page may have been written over.
     write_text(page, run_page(RunFolder(path), run))
     return page
 
@@ -59,7 +68,7 @@ class Pages(NamedTuple):
 
 
 def write_pages(folder: Path, found: FoundRuns, told: Told = tell_nobody) -> Pages:
-    """Write the page of every run, and that of the folder where it is no run itself.
+    """Write the page of every run, also of one that goes on or broke off, and that of the folder where it is no run.
 
     Args:
         folder: A run's or a sweep's folder, or any above them.
@@ -74,6 +83,11 @@ def write_pages(folder: Path, found: FoundRuns, told: Told = tell_nobody) -> Pag
         except UserError as error:
             failed.append(" ".join(str(error).split()))
         told(number, len(found.runs))
+    for job in unfinished_jobs(folder):
+        # What has no tree yet has no page, and is told of on the page of the sweep.
+        with suppress(UserError):
+            if job.path is not None and is_unfinished(job.path):
+                write_run_page(job.path)
     if [run.path for run in found.runs] == [folder]:
         return Pages(written[0] if written else None, tuple(failed))
     try:

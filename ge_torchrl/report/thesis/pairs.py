@@ -10,6 +10,7 @@ import numpy as np
 from ge_torchrl.report.findings import interval_text
 from ge_torchrl.report.methods import GE, added_by
 from ge_torchrl.report.runs import Run
+from ge_torchrl.report.statistics import FEW
 from ge_torchrl.report.tables import Table
 from ge_torchrl.report.thesis.solving import (
     PairedRatio,
@@ -146,6 +147,8 @@ def _direction(ratio: PairedRatio, less: str, more: str, same: str) -> str:
     direction = less if ratio.median < 1 else more if ratio.median > 1 else same
     if ratio.pairs == 1:
         return f"{direction}, but one pair shows little"
+    if ratio.pairs < FEW:
+        return f"{direction}, but {ratio.pairs} pairs show little"
     is_undecided = ratio.median != 1 and ratio.interval.low <= 1 <= ratio.interval.high
     return f"{direction}, but the interval does not exclude 1" if is_undecided else direction
 

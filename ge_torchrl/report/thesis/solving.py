@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ge_torchrl.artefacts.records import GenerationRecord
-from ge_torchrl.report.statistics import Interval, bootstrap_interval
+from ge_torchrl.report.statistics import Interval, spread_of
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,6 @@ def paired_ratio(
     rng: np.random.Generator,
     *,
     measure: Callable[[SolvingTime], int] = generations_of,
-    confidence: float = 0.95,
-    n_resamples: int = 10_000,
 ) -> PairedRatio:
     """Return the median over pairs of `measure(treated) / measure(control)`, with its interval.
 
@@ -112,16 +110,12 @@ def paired_ratio(
         pairs: [R] a treated run and its control, of one seed each.
         rng: Resamples the pairs.
         measure: What counts: `generations_of` or `env_steps_of`.
-        confidence: As of `bootstrap_interval`.
-        n_resamples: Likewise.
 
     Raises:
         ValueError: There is no pair.
     """
     ratios = [measure(treated) / measure(control) for treated, control in pairs]
-    interval = bootstrap_interval(
-        ratios, rng, statistic="median", confidence=confidence, n_resamples=n_resamples
-    )
+    interval = spread_of(ratios, rng, statistic="median")
     return PairedRatio(
         median=float(np.median(ratios)),
         interval=interval,

@@ -1,6 +1,7 @@
 """Pages in a real browser: nothing is complained of, the player plays, and what is chosen is what is shown."""
 
 import json
+import shlex
 from base64 import b64encode
 from dataclasses import replace
 
@@ -244,6 +245,59 @@ def test_every_environment_is_drawn_and_moves(browser, tmp_path, environment):
         assert "drew no picture" in text(browser, "#scene .note")
 
 
+NUMBERS = Names(
+    "plant.py:Cart", ("speed", "current", "load"), ("rad/s", "A", ""), ("u",), action_bounds=((-1, 1),)
+)
+
+
+@pytest.mark.parametrize(
+    ("tree", "strips"),
+    [
+        (DecisionTree.value_leaf([0.5], {1: [-2.0]}), ["current", "u", "reward", "seconds"]),
+        (DecisionTree.value_leaf([0.5]), ["speed", "current", "load", "u", "reward", "seconds"]),
+    ],
+)
+def test_strips_show_what_the_rule_reads_and_seconds(browser, tmp_path, tree, strips):
+    folder = write_played_run(tmp_path / "run", names=NUMBERS, pruned=tree, full=tree)
+    folder.write_episodes(replace(folder.read_episodes(), step_seconds=0.01))
+    opened(browser, write_run_page(folder.path))
+    shown = "return [...document.querySelectorAll('.strips .name')].map((one) => one.firstChild.textContent)"
+    assert browser.execute_script(shown) == strips
+    click(browser, "#forward")
+    assert "step 1 of 12 (0.01 s)" in text(browser, "#moment")
+    ticks = browser.execute_script(
+        "return [...document.querySelectorAll('.ticks span')].map((one) => one.textContent)"
+    )
+    assert ticks[0] == "0"
+    assert 0 < float(ticks[-1]) <= 0.12
+    # A lone leaf has its dot.
+    assert browser.execute_script("return document.querySelectorAll('#archive .dot').length") == 1
+    assert complaints(browser) == []
+
+
+def test_a_lone_leaf_has_a_dot_beside_others(browser, page):
+    opened(browser, page)
+    point = browser.find_element("css selector", '#archive .point[aria-label^="best with 0 nodes"]')
+    inside = """const [dot, svg] = [arguments[0].querySelector(".dot"), document.querySelector("#archive svg")];
+        return dot.cx.baseVal.value > 60 && dot.cy.baseVal.value < svg.height.baseVal.value - 44"""
+    assert browser.execute_script(inside, point)
+    browser.execute_script("arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))", point)
+    assert "best with 0 nodes" in text(browser, '#tree-choice option[value="2"]')
+    assert point.get_attribute("aria-pressed") == "true"
+
+
+def test_a_run_that_goes_on_is_shown_without_a_word_of_a_test(browser, tmp_path):
+    folder = write_played_run(tmp_path / "run")
+    for name in ("summary.json", "episodes.json"):
+        (folder.path / name).unlink()
+    opened(browser, write_run_page(folder.path))
+    assert complaints(browser) == []
+    assert "Episodes are recorded at the end" in text(browser, "#no-episodes")
+    assert "test return" not in text(browser, "main")
+    assert "resume" in text(browser, "header")
+    assert str(folder.path) in text(browser, "header")
+
+
 def test_what_is_printed_is_drawn_as_wide_as_paper(browser, page):
     opened(browser, page)
     widths = "return [...document.querySelectorAll('svg.chart')].map((chart) => chart.getAttribute('width'))"
@@ -293,3 +347,30 @@ def test_a_sweep_can_be_read_and_leads_to_its_runs(browser, tmp_path, colours):
     assert [one for one in browser.execute_script(CONTRASTS) if one[0] < 4.5] == []
     click(browser, ".lane a.dot")
     assert "seed 0" in browser.title
+
+
+def test_long_names_of_runs_widen_no_table(browser, tmp_path):
+    for seed in (0, 1):
+        name = (
+            f"{seed}_env=acrobot,ge.generations=66,grammar.splits=oblique,evaluation.episodes=40,seed={seed}"
+        )
+        write_run(tmp_path / name, seed=seed)
+    page = write_pages(tmp_path, read_runs(tmp_path)).written
+    narrow = (
+        "return [...document.querySelectorAll('.scroll')].every((one) => one.scrollWidth <= one.clientWidth)"
+    )
+    assert opened(browser, page).execute_script(narrow)
+    opened(browser, page, width=390)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    names = "[...document.querySelectorAll('td .folder, caption span')]"
+    assert browser.execute_script(f"return Math.max(...{names}.map((one) => one.clientWidth))") <= 390
+
+
+def test_the_command_that_runs_it_again_names_the_folder_of_the_page(browser, tmp_path):
+    folder = tmp_path / "it's 3_env=cartpole,seed=3"
+    opened(browser, write_run_page(write_run(folder, seed=3)))
+    told = text(browser, "#again")
+    assert shlex.split(told) == [
+        "python", "-m", "ge_torchrl", "--config-path", str(folder), "--config-name", "config",
+    ]  # fmt: skip
+    assert "RUN_FOLDER" not in text(browser, "main")

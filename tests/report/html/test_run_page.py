@@ -68,7 +68,7 @@ def test_the_figures_are_those_of_the_summary(folder):
     assert figures["seed"] == str(summary.seed)
     assert figures["generations"] == str(summary.generations)
     champion = data_of(page)["trees"][0]
-    assert (champion["key"], champion["test"]["mean"]) == ("champion", summary.test_mean)
+    assert (champion["key"], champion["measured"]["mean"]) == ("champion", summary.test_mean)
     assert "Solved" in page
     assert "solved from 475" in page
     assert f"{summary.env_steps_total:,}" in page
@@ -79,9 +79,9 @@ def test_the_archive_is_that_of_the_folder(folder):
     for record in folder.read_archive():
         if record.decision_nodes == folder.read_summary().decision_nodes:
             continue
-        assert trees[str(record.decision_nodes)]["test"]["mean"] == record.test_mean
+        assert trees[str(record.decision_nodes)]["measured"]["mean"] == record.test_mean
         assert trees[str(record.decision_nodes)]["nodes"] == record.decision_nodes
-    assert trees["full"]["test"]["mean"] == folder.read_summary().test_mean_full
+    assert trees["full"]["measured"]["mean"] == folder.read_summary().test_mean_full
 
 
 @pytest.mark.parametrize(
@@ -157,3 +157,22 @@ def test_figures_for_a_person():
 def test_the_environments_that_are_drawn_are_those_of_the_script():
     scenes = asset("scenes.js").partition("const SCENES = {")[2].partition("};")[0]
     assert set(re.findall(r'^  "([^"]+)":', scenes, re.MULTILINE)) == DRAWN
+
+
+def test_what_was_done_is_told_as_the_method(tmp_path):
+    path = write_run(tmp_path / "run", "GE+PPO+polish", refined=0)
+    assert Reader(run_page(RunFolder(path))).figures["method"] == "GE+polish; PPO refined no tree"
+
+
+def test_the_length_of_a_step_is_that_of_the_episodes_or_known(tmp_path):
+    folder = write_played_run(tmp_path / "run")
+    assert data_of(run_page(folder))["stepSeconds"] == 0.02
+    folder.write_episodes(replace(folder.read_episodes(), step_seconds=0.5))
+    assert data_of(run_page(folder))["stepSeconds"] == 0.5
+    other = write_played_run(tmp_path / "other", names=replace(CARTPOLE, id="Other-v0"))
+    assert data_of(run_page(other))["stepSeconds"] is None
+
+
+def test_a_few_test_episodes_have_no_interval(tmp_path):
+    page = run_page(write_played_run(tmp_path / "run", test_episodes=3))
+    assert "95 % interval" not in page.partition("<main")[0]

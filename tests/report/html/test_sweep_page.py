@@ -119,7 +119,7 @@ def test_versions_are_told_apart(tmp_path):
 def test_jobs_that_are_in_no_figure_are_named(sweep):
     jobs = {job.name: (job.state, job.told) for job in unfinished_jobs(sweep)}
     assert jobs["4_failed"] == ("failed", "ValueError: <b>no</b>")
-    assert jobs["5_open"][0] == "unfinished"
+    assert jobs["5_open"][0] == "stopped"
     assert jobs["5_open"][1].startswith("2 generations in")
     assert jobs["job 6"][0] == "missing"
     assert jobs["8_seed=7"][0] == "missing"
@@ -146,6 +146,15 @@ def test_a_run_leads_to_its_page(sweep):
     assert "ge_torchrl run" in (alone / "report.html").read_text()
 
 
+def test_a_run_is_named_by_the_number_of_its_job(tmp_path):
+    for number in (0, 1):
+        write_run(tmp_path / f"{number}_env=cartpole,seed={number}", seed=number)
+    page = sweep_page(tmp_path, read_runs(tmp_path))
+    assert '<span class="folder" title="1_env=cartpole,seed=1">1</span>' in page
+    write_run(tmp_path / "1_other", seed=2)
+    assert ">1_env=cartpole,seed=1</span>" in sweep_page(tmp_path, read_runs(tmp_path))
+
+
 def test_equal_artefacts_give_equal_pages(sweep):
     assert sweep_page(sweep, read_runs(sweep)) == sweep_page(sweep, read_runs(sweep))
 
@@ -156,3 +165,16 @@ def test_a_broken_job_without_history(tmp_path):
     (path / "history.jsonl").write_text("")
     assert RunFolder(path).read_history() == []
     assert [job.told for job in unfinished_jobs(tmp_path)] == ["no generation is written yet"]
+
+
+def test_few_runs_have_a_range_and_no_bar(tmp_path):
+    for seed in range(5):
+        write_run(tmp_path / str(seed), seed=seed, test_mean=100.0 * seed)
+    runs = read_runs(tmp_path)
+    page = sweep_page(tmp_path, runs)
+    assert 'class="band"' in page
+    assert "(range " not in page
+    page = sweep_page(tmp_path, runs._replace(runs=runs.runs[:3]))
+    assert 'class="band"' not in page
+    assert "100.00 (range 0.00 to 200.00)" in page
+    assert "95 % interval of the mean" not in page

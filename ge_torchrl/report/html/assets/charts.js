@@ -119,18 +119,22 @@ const drawRefinements = () => {
 };
 
 const drawArchive = (room) => {
-  const trees = data.trees.map((tree, i) => ({ ...tree, i })).filter((tree) => tree.key !== "full" && tree.test);
-  if (!trees.length) return;
-  // A lone leaf returns so little that all others would look the same.
-  const isTree = trees.some((tree) => tree.nodes > 0), shown = trees.filter((tree) => tree.nodes > 0 || !isTree);
+  const shown = data.trees.map((tree, i) => ({ ...tree, i })).filter((tree) => tree.key !== "full" && tree.measured);
+  at("archive-section").hidden = !shown.length;
+  if (!shown.length) return;
   const sizes = shown.map((tree) => tree.nodes), most = Math.max(...sizes);
   const known = data.known.filter((one) => one.nodes <= most + 1);
-  const means = shown.map((tree) => tree.test.mean), best = Math.max(...means);
+  // A lone leaf may return so little that all others would look the same: then it stands at the edge.
+  const others = shown.filter((tree) => tree.nodes > 0), leaf = shown.find((tree) => tree.nodes === 0);
+  const means = (others.length ? others : shown).map((tree) => tree.measured.mean), best = Math.max(...means);
   const near = known.map((one) => one.mean).filter((mean) => mean >= Math.min(...means) - (best - Math.min(...means)) * 0.3 - 1e-9);
-  const ends = shown.flatMap((tree) => [tree.test.low ?? tree.test.mean, tree.test.high ?? tree.test.mean]);
-  const ys = padded([...ends, ...near, ...(data.solvedAt === null ? [] : [data.solvedAt])]);
+  const endsOf = ({ measured }) => [measured.low ?? measured.mean, measured.high ?? measured.mean];
+  const marks = [...(others.length ? others : shown).flatMap(endsOf), ...near, ...(data.solvedAt === null ? [] : [data.solvedAt])];
+  let ys = padded(marks);
+  const isFar = others.length > 0 && leaf && Math.abs(leaf.measured.mean - (ys[0] + ys[1]) / 2) > 1.5 * (ys[1] - ys[0]);
+  if (leaf && !isFar) ys = padded([...marks, ...endsOf(leaf)]);
   const xs = [Math.min(...sizes) - 0.6, Math.max(most, ...known.map((one) => one.nodes)) + 0.6];
-  const chart = chartOf(room, 290, xs, ys, "decision nodes", "mean test return", "Mean test return against size", true);
+  const chart = chartOf(room, 290, xs, ys, "decision nodes", data.isTested ? "mean test return" : "mean return, untested", "Mean return against size", true);
   chart.root.setAttribute("role", "group");
   solvedInto(chart, ys);
   for (const one of known) {
@@ -142,13 +146,16 @@ const drawArchive = (room) => {
     );
   }
   for (const tree of shown) {
-    const x = chart.px(tree.nodes), { mean, low = mean, high = mean } = tree.test;
-    const told = `${tree.title}: mean test return ${number(mean)}`;
+    const x = chart.px(tree.nodes), { mean, low = mean, high = mean } = tree.measured, isBeyond = tree === leaf && isFar;
+    const told = `${tree.title}: mean ${data.isTested ? "test " : ""}return ${number(mean)}${UNTESTED}`;
+    const way = mean < ys[0] ? 1 : -1, y = isBeyond ? chart.py(ys[way > 0 ? 0 : 1]) - way * 14 : chart.py(mean);
     const point = svg("g", { class: "point", role: "button", tabindex: 0, "aria-label": told, "aria-pressed": String(tree.i === view.tree), "data-tree": tree.i },
       svg("title", {}, told),
-      svg("rect", { class: "hit", x: x - 12, y: chart.py(mean) - 14, width: 24, height: 28 }),
-      svg("line", { x1: x, x2: x, y1: chart.py(low), y2: chart.py(high) }),
-      svg("circle", { class: "dot", cx: x, cy: chart.py(mean), r: 5.5 }));
+      svg("rect", { class: "hit", x: x - 12, y: y - 14, width: 24, height: 28 }),
+      isBeyond
+        ? svg("path", { class: "beyond", d: `M${x} ${y}v${way * 12}m-4 ${way * -4}l4 ${way * 4}l4 ${way * -4}` })
+        : svg("line", { x1: x, x2: x, y1: chart.py(low), y2: chart.py(high) }),
+      svg("circle", { class: "dot", cx: x, cy: y, r: 5.5 }));
     point.addEventListener("click", () => chooseTree(tree.i));
     point.addEventListener("keydown", (event) => {
       if (event.key !== "Enter" && event.key !== " ") return;
@@ -158,14 +165,18 @@ const drawArchive = (room) => {
     chart.above.append(point);
   }
   at("archive").replaceChildren(chart.root);
-  const keys = [keyOf("best tree of each size, with its 95 % interval", svg("line", { class: "possible", x1: 8, x2: 8, y1: 0, y2: 12, style: "stroke: var(--accent)" }))];
+  const keys = [
+    shown.some((tree) => tree.measured.low !== undefined)
+      ? keyOf("best tree of each size, with its 95 % interval", svg("line", { class: "possible", x1: 8, x2: 8, y1: 0, y2: 12, style: "stroke: var(--accent)" }))
+      : keyOf(`best tree of each size${UNTESTED}`, svg("circle", { cx: 8, cy: 6, r: 4, style: "fill: none; stroke: var(--accent); stroke-width: 2" })),
+  ];
   if (known.some((one) => one.kind === "possible")) keys.push(keyOf("possible, by brute force", svg("path", { class: "possible", d: "M0 6H16" })));
   if (known.some((one) => one.kind === "published")) keys.push(keyOf("runs of the thesis", svg("path", { class: "published", d: "M4 2l8 8m0 -8l-8 8" })));
-  const leaf = trees.length > shown.length ? ` A lone leaf returns ${number(trees.find((tree) => tree.nodes === 0).test.mean)}.` : "";
+  const far = isFar ? ` The lone leaf returns ${number(leaf.measured.mean)}, beyond the edge where its dot stands.` : "";
   const hidden = known.filter((one) => one.mean < ys[0]).length;
   at("archive-told").replaceChildren(
     html("div", {}, ...keys),
-    (shown.length > 1 ? "Choose a dot to see its tree above." : "This run kept the champion alone.") + leaf +
+    (shown.length > 1 ? "Choose a dot to see its tree above." : "This run kept the champion alone.") + far +
       (hidden ? ` ${hidden} of the thesis' runs lie below.` : ""),
   );
 };
@@ -183,7 +194,7 @@ const drawReturns = (room) => {
         svg("title", {}, `${counted(count, "episode")} from ${figures(from, 4)} to ${figures(to, 4)}`)),
     );
   });
-  const mean = data.trees[0].test?.mean;
+  const mean = data.trees[0].measured?.mean;
   if (mean !== undefined) {
     chart.above.append(svg("line", { class: "mark", x1: chart.px(mean), x2: chart.px(mean), y1: chart.py(ys[1]), y2: chart.py(0) }));
   }

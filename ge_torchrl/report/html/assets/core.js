@@ -53,6 +53,8 @@ const short = (count) =>
 const counted = (n, thing) => (n === 1 ? `1 ${thing}` : `${n.toLocaleString("en-US")} ${thing}s`);
 
 const environment = data.environment;
+// What a run without a verdict says of its trees.
+const UNTESTED = data.isTested ? "" : " on the archive's episodes, untested";
 const width = environment.features.length;
 const unitOf = (feature) => (environment.features[feature].unit ? ` ${environment.features[feature].unit}` : "");
 

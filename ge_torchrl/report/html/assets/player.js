@@ -13,6 +13,10 @@ const endOf = (episode) =>
     ? `only the first ${episode.kept.toLocaleString("en-US")} of ${episode.length.toLocaleString("en-US")} steps were kept`
     : episode.end === "terminated" ? "the task ended the episode" : "the episode came to its limit";
 
+// When a step is, where it is known how long steps are.
+const timeOf = (step) => (data.stepSeconds ? ` (${number(step * data.stepSeconds, secondDigits)} s)` : "");
+const secondDigits = data.stepSeconds ? Math.max(0, Math.min(6, Math.ceil(-Math.log10(data.stepSeconds) - 1e-9))) : 0;
+
 const chooseTree = (tree) => {
   const own = episodesOf(data.trees[tree]);
   const shown = own.find((episode) => episode.rank === "median") ?? own[0];
@@ -34,9 +38,11 @@ const startPlayer = () => {
     at("player").hidden = own.length === 0;
     at("stage").classList.toggle("alone", own.length === 0);
     at("no-episodes").hidden = own.length > 0;
-    at("no-episodes").textContent = data.episodes.length
-      ? "No episode of this tree was recorded."
-      : "This run recorded no episodes, so there is none to play.";
+    at("no-episodes").textContent = !data.isTested
+      ? "Episodes are recorded at the end of a run."
+      : data.episodes.length
+        ? "No episode of this tree was recorded."
+        : "This run recorded no episodes, so there is none to play.";
     at("episodes").replaceChildren(
       ...own.map((episode) => {
         const index = data.episodes.indexOf(episode);
@@ -72,7 +78,7 @@ const startPlayer = () => {
       ? [chipOf(environment.bounds.length ? undefined : action[0]), html("b", {}, actionText(action))]
       : [html("b", {}, "end"), `: ${endOf(episode)}`];
     at("moment").replaceChildren(
-      html("span", {}, "step ", html("b", {}, view.step.toLocaleString("en-US")), ` of ${episode.length.toLocaleString("en-US")}`),
+      html("span", {}, "step ", html("b", {}, view.step.toLocaleString("en-US")), ` of ${episode.length.toLocaleString("en-US")}${timeOf(view.step)}`),
       html("span", {}, ...told.filter(Boolean)),
       html("span", {}, "return so far ", html("b", {}, number(sum, 2))),
     );

@@ -6,5 +6,6 @@ startPlayer();
 startStrips();
 startPartition();
 startCharts();
+startAgain();
 view.tree = -1;
 chooseTree(0);

@@ -170,6 +170,8 @@ const SCENES = {
 
 // Any other environment: what it observes, each number on a scale of what it was in the recorded episodes.
 const MOST_GAUGES = 12;
+// As fast as the clock where it is known how long a step is, and an eye can follow.
+const RATE = data.stepSeconds ? Math.max(2, Math.min(120, 1 / data.stepSeconds)) : 30;
 const gauges = (root) => {
   const shown = featuresByUse(treeNow()).slice(0, MOST_GAUGES);
   const needles = shown.map((feature, i) => {
@@ -205,7 +207,7 @@ const pictured = (place) => {
 };
 
 const sceneInto = (place) => {
-  const own = SCENES[environment.id], [draw, height, rate] = own ?? [gauges, 8 + 24 * Math.min(width, MOST_GAUGES), 30];
+  const own = SCENES[environment.id], [draw, height, rate] = own ?? [gauges, 8 + 24 * Math.min(width, MOST_GAUGES), RATE];
   const root = svg("svg", { viewBox: `0 0 400 ${height}`, width: "100%", role: "img", "aria-label": "The environment at this step" });
   const move = draw(root);
   place.replaceChildren(root);

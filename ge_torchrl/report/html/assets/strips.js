@@ -15,6 +15,15 @@ const sumsOf = (tree) => {
   return [...sums.values()].sort((one, other) => other.visits - one.visits);
 };
 
+// What the strips show: the sums; then what leaves compute with, and where nothing is read at all, what is observed.
+const shownOf = (tree) => {
+  const sums = sumsOf(tree), seen = new Set(sums.filter(({ terms }) => terms.length === 1).map(({ terms }) => terms[0][0]));
+  const read = new Set(tree.leaves.flatMap((leaf) => (leaf.linear ?? []).map(([feature]) => feature)));
+  const more = sums.length || read.size ? [...read].filter((feature) => !seen.has(feature)) : [...environment.features.keys()];
+  const alone = more.sort((one, other) => one - other).map((feature) => ({ terms: [[feature, 1]], thresholds: [], name: environment.features[feature].name }));
+  return [...sums, ...alone];
+};
+
 const curveOf = (values, thresholds = []) => {
   const finite = values.filter(Number.isFinite);
   let low = Math.min(...finite, ...thresholds), high = Math.max(...finite, ...thresholds);
@@ -72,14 +81,24 @@ const startStrips = () => {
     });
   };
 
+  // In seconds where it is known how long a step is.
+  const timeRow = (length) => {
+    const last = Math.max(1, length) * (data.stepSeconds ?? 1), ticks = ticksOf([0, last], 6, data.stepSeconds ? 0 : 1);
+    const marks = ticks.map((value) => {
+      const share = (100 * value) / last, align = share > 94 ? -100 : share < 4 ? 0 : -50;
+      return html("span", { style: `left: ${share.toFixed(2)}%; transform: translateX(${align}%)` }, tickText(value));
+    });
+    return [html("div", { class: "name" }, data.stepSeconds ? "seconds" : "step"), html("div", { class: "ticks" }, ...marks)];
+  };
+
   const build = () => {
     const episode = episodeNow(), tree = treeNow();
     place.hidden = !episode;
     cursors = [];
     tellers = [];
     if (!episode) return;
-    const rows = [], sums = sumsOf(tree);
-    for (const sum of sums.slice(0, MOST_SUMS)) {
+    const rows = [], sums = sumsOf(tree), shown = shownOf(tree);
+    for (const sum of shown.slice(0, MOST_SUMS)) {
       const values = Array.from({ length: episode.kept + 1 }, (_, step) => sumOf(sum.terms, episode.observations, step * width));
       const unit = sum.terms.length === 1 ? unitOf(sum.terms[0][0]) : "";
       rows.push(...row(sum.name, episode.kept, false, (step) => figures(values[step]) + unit, ...curveOf(values, sum.thresholds)));
@@ -89,7 +108,11 @@ const startStrips = () => {
     rows.push(...row("reward", episode.kept, true, (step) => (step < episode.kept ? figures(rewards[step]) : "end"), ...curveOf(rewards)));
     const told = sums.length ? "Dashed lines are thresholds. Click or drag to go to a step." : "Click or drag to go to a step.";
     const keys = environment.bounds.length ? [] : environment.actions.map((name, i) => html("span", {}, chipOf(i), name));
-    const more = sums.length > MOST_SUMS ? ` The ${MOST_SUMS} most visited of ${sums.length} comparisons are shown.` : "";
+    rows.push(...timeRow(episode.kept));
+    const more =
+      sums.length > MOST_SUMS
+        ? ` The ${MOST_SUMS} most visited of ${sums.length} comparisons are shown.`
+        : shown.length > MOST_SUMS ? ` ${MOST_SUMS} of ${shown.length} are shown.` : "";
     place.replaceChildren(...rows, html("div", { class: "legend" }, ...keys, html("span", {}, told + more)));
   };
   const follow = () => {

@@ -290,12 +290,12 @@ const startTree = () => {
     lightTree(drawn, treeNow());
   };
   const retell = () => {
-    const tree = treeNow(), test = tree.test;
+    const tree = treeNow(), measured = tree.measured;
     choice.value = view.tree;
-    const interval = test?.low === undefined || test.low === test.high ? "" : ` (${number(test.low)} to ${number(test.high)})`;
+    const interval = measured?.low === undefined || measured.low === measured.high ? "" : ` (${number(measured.low)} to ${number(measured.high)})`;
     at("tree-told").textContent =
       `${counted(tree.nodes, "decision node")}, depth ${tree.depth}, M = ${figures(tree.complexity, 6)}` +
-      (test ? `; mean return ${number(test.mean)}${interval}.` : ".");
+      (measured ? `; mean return ${number(measured.mean)}${interval}${UNTESTED}.` : ".");
     drawRule(tree);
     drawFormula(tree);
     drawVisits(tree);
