@@ -21,7 +21,10 @@ class EnvironmentConfig(Section):
 
     SECTION: ClassVar[str] = "env"
 
-    id: str = setting(doc="Gymnasium id.", text="a Gymnasium id such as CartPole-v1")
+    id: str = setting(
+        doc="Gymnasium id; one that a file of `conf/env` names takes that file.",
+        text="a Gymnasium id such as CartPole-v1",
+    )
     dynamics: str | None = setting(
         None,
         doc="Dynamics of your own, which are the `env.id` too: a file and a class in it, such as `plant.py:Cart`; see "

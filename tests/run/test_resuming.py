@@ -73,6 +73,7 @@ class TestGoesOn:
         killed(tmp_path / "run", "generation_record", generation)
         _, output = resume(tmp_path / "run")
         assert f"Going on after generation {generation - 1}" in output
+        assert "\nonce more   kept trees of " in output
         assert_same_bytes(alone, tmp_path / "run")
 
     @pytest.mark.parametrize(
