@@ -10,6 +10,8 @@ from ge_torchrl.cli.statuses import USER_ERROR
 from ge_torchrl.interrupts import Stepping, leave_now
 
 _SILENCE_SECONDS = 1.5
+# Fewer tell nothing of how long the others take: the first one waits for what is loaded for all.
+_FEWEST = 5
 # How far something is is told so often at least.
 _LONGEST_SILENCE_SECONDS = 60.0
 # A compiled step that takes longer does not return [s].
@@ -74,6 +76,7 @@ class HowFar:
             return
         from ge_torchrl.report.html.figures import seconds
 
-        left = seconds(elapsed * (in_all - done) / (done - self._first))
-        print(f"ge-torchrl: {done:,} of {in_all:,} {self._things}, {left} left", file=sys.stderr, flush=True)
+        counted = done - self._first
+        left = f", {seconds(elapsed * (in_all - done) / counted)} left" if counted >= _FEWEST else ""
+        print(f"ge-torchrl: {done:,} of {in_all:,} {self._things}{left}", file=sys.stderr, flush=True)
         self._next = min(2 * elapsed, elapsed + _LONGEST_SILENCE_SECONDS)
