@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ge_torchrl.artefacts.texts import told_of
@@ -59,6 +60,25 @@ class Lock:
             os.close(descriptor)
 
 
+@contextmanager
+def in_turn(path: Path) -> Iterator[None]:
+    """Wait until no other process is within this for the same path, and keep others waiting meanwhile.
+
+    Args:
+        path: A file of no content, which is made and stays.
+
+    Raises:
+        ArtefactError: It cannot be written.
+    """
+    with told_of(path):
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        _lock(descriptor, waits=True)
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def is_locked(folder: Path) -> bool:
     """Tell whether a process holds the lock of a folder."""
     try:
@@ -83,14 +103,14 @@ def _is_same(descriptor: int, path: Path) -> bool:
         return False
 
 
-def _lock(descriptor: int) -> None:
+def _lock(descriptor: int, *, waits: bool = False) -> None:
     """Lock an open file.
 
     Raises:
-        BlockingIOError: Another process has locked it.
+        BlockingIOError: Another process has locked it, and this one does not wait.
     """
     try:
         import fcntl
     except ImportError:  # Windows has no such locks, and its runs none.
         return
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    fcntl.flock(descriptor, fcntl.LOCK_EX if waits else fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -15,6 +15,7 @@ from ge_torchrl.cli.playing import play
 from ge_torchrl.cli.reporting import report
 from ge_torchrl.cli.resuming import resume
 from ge_torchrl.cli.statuses import OK
+from ge_torchrl.cli.tuning import tune
 from ge_torchrl.errors import UserError
 
 Verb = Callable[[list[str]], int]
@@ -34,7 +35,7 @@ _PLAIN: Mapping[str, Verb] = MappingProxyType(
     }
 )
 _COMPOSING: Mapping[str, Callable[[list[str], Compose], int]] = MappingProxyType(
-    {"check": check, "init": init}
+    {"check": check, "init": init, "tune": tune}
 )
 VERBS = frozenset({*_PLAIN, *_COMPOSING})
 """The first words of command lines that are no runs."""

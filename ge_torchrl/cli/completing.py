@@ -120,6 +120,8 @@ def _offered(before: Sequence[str], current: str, verbs: Mapping[str, Verb]) -> 
         yield from (environment_id for _, environment_id in environment_ids())
         if len(before) > 1:
             yield from _overrides(current)
+    elif verb == "tune":
+        yield from _overrides(current)
     elif verb == "completion":
         yield from SCRIPTS
 

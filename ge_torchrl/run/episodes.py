@@ -23,7 +23,6 @@ from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report.html.scenes import DRAWN
 from ge_torchrl.run.progress import print_line
 from ge_torchrl.search.conclusion import TEST, VALIDATION, Verdict
-from ge_torchrl.search.fitness import test_seeds
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.trees.tree import DecisionTree
 
@@ -107,7 +106,7 @@ def write_page_of_run(path: Path, console: Console) -> None:
 
 
 def _played(problem: Problem, verdict: Verdict) -> Iterator[Episode]:
-    backend, seeds = problem.backend, test_seeds(problem.config)
+    backend, seeds = problem.backend, problem.judging_seeds(problem.config)
     room, speed = _MOST_NUMBERS_OF_ALL, problem.config.evaluation.steps_per_second or backend.steps_per_second
     longest = backend.spec.max_episode_steps
     for wanted in _wanted(verdict):

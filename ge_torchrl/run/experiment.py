@@ -19,10 +19,11 @@ from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.trust import check_trusted
 from ge_torchrl.run.closing import closing_text
 from ge_torchrl.run.episodes import write_page_of_run
-from ge_torchrl.run.finished import Finished, Observer
+from ge_torchrl.run.finished import Finished, JudgingSeeds, Observer
 from ge_torchrl.run.plan import plan
 from ge_torchrl.run.running import Run
 from ge_torchrl.run.warming import compile_kernels, is_first_of_its_kind
+from ge_torchrl.search.fitness import test_seeds
 
 
 def run(config: Config, output_dir: Path, console: Console | None = None) -> Summary:
@@ -103,6 +104,7 @@ def carry_out(
     keep: Callable[[Config], Artefacts],
     console: Console,
     observer: Observer = lambda _record, _state, _names: False,
+    judging_seeds: JudgingSeeds = test_seeds,
 ) -> Finished:
     """Run an experiment, wherever it leaves its artefacts and whoever looks on.
 
@@ -111,6 +113,7 @@ def carry_out(
         keep: Opens what keeps the artefacts of a run of this configuration, its budgets resolved.
         console: Where progress goes.
         observer: Is told of each generation.
+        judging_seeds: Gives the episodes that judge what was found, in place of the test's.
 
     Raises:
         UserError: The configuration cannot be run, or the environment failed on the way.
@@ -135,4 +138,4 @@ def carry_out(
             opened.callback(artefacts.release)
             return artefacts
 
-        return Run(planned, backend, kept, console, observer, started).to_the_end()
+        return Run(planned, backend, kept, console, observer, started, judging_seeds).to_the_end()

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, Summary
+from ge_torchrl.config import Config
+from ge_torchrl.search.fitness import Seeds
 from ge_torchrl.search.state import SearchState
 from ge_torchrl.trees.controller import Controller, Names
 
@@ -36,3 +38,6 @@ class Finished:
 
 Observer = Callable[[GenerationRecord, SearchState, Names], bool]
 """Is told of each generation, and may stop the search there."""
+
+JudgingSeeds = Callable[[Config], Seeds]
+"""Gives the episodes that judge what a run found."""

@@ -22,7 +22,7 @@ from ge_torchrl.run.broken_off import save_trees, save_what_there_is, told_of_fa
 from ge_torchrl.run.checkpointing import Checkpointing
 from ge_torchrl.run.costs import refinement_cost
 from ge_torchrl.run.episodes import keep_episodes
-from ge_torchrl.run.finished import Finished, Observer
+from ge_torchrl.run.finished import Finished, JudgingSeeds, Observer
 from ge_torchrl.run.loop import Search
 from ge_torchrl.run.plan import Plan
 from ge_torchrl.run.progress import Progress, print_line
@@ -64,6 +64,7 @@ class Run:
         console: Console,
         observer: Observer,
         started: float,
+        judging_seeds: JudgingSeeds,
     ) -> None:
         given = planned.config.evaluation.steps_per_second
         speed, sums = backend.steps_per_second if given is None else given, planned.tables.grammar.has_sums
@@ -71,8 +72,8 @@ class Run:
         self.names, self.notes, self.looked = planned.spec.names, planned.notes, planned.seconds
         self.console, self.observer, self.started = console, observer, started
         self.folder, self.backend = keep(self.config), backend
-        refiner, polisher = refiners_of(self.config, backend)
-        self.problem = Problem(self.config, planned.tables, backend, refiner, polisher, planned.mirror)
+        both = refiners_of(self.config, backend)
+        self.problem = Problem(self.config, planned.tables, backend, *both, planned.mirror, judging_seeds)
         self.search = Search(self.problem, self._watch)
         self.checkpoints = Checkpointing(self.folder, self._save_trees)
         self.warnings: list[str] = []

@@ -26,13 +26,7 @@ from ge_torchrl.search.archive import (
     offer,
     prune_all,
 )
-from ge_torchrl.search.fitness import (
-    fitness_of,
-    measure,
-    test_seeds,
-    training_seeds,
-    validation_seeds,
-)
+from ge_torchrl.search.fitness import fitness_of, measure, training_seeds, validation_seeds
 from ge_torchrl.search.fitting_limits import evaluate_what_fits
 from ge_torchrl.search.problem import Problem
 from ge_torchrl.search.refinement import refine_with_effort, snaps
@@ -222,7 +216,7 @@ def examine(problem: Problem, champion: Finalist, by_size: Sequence[Finalist]) -
     """Test the champion, pruned and as it was, and the best tree of each size on unseen episodes.
 
     Args:
-        problem: What is searched.
+        problem: What is searched; it says which episodes judge.
         champion: The champion.
         by_size: The best tree of each size; they are left out without an archive.
     """
@@ -231,7 +225,7 @@ def examine(problem: Problem, champion: Finalist, by_size: Sequence[Finalist]) -
     both = dict.fromkeys((champion.pruned, champion.full))
     trees = list(both | dict.fromkeys(finalist.pruned for finalist in kept))
     outcomes = evaluate_what_fits(
-        problem, trees, test_seeds(problem.config), TEST, visits=True, at_least=len(both)
+        problem, trees, problem.judging_seeds(problem.config), TEST, visits=True, at_least=len(both)
     )
     untested = np.full(outcomes.returns.shape[1], np.nan)
     returns = dict(zip(trees, outcomes.returns, strict=False))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ge_torchrl.config import Config
@@ -9,6 +10,7 @@ from ge_torchrl.environments.backend import Backend
 from ge_torchrl.ge.rule_tables import RuleTables
 from ge_torchrl.refiners.mirror import Mirror
 from ge_torchrl.refiners.protocol import Refiner
+from ge_torchrl.search.fitness import Seeds, test_seeds
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +24,7 @@ class Problem:
         refiner: Refines proposals on schedule; None where nothing does.
         polisher: The derivative-free search that goes on from what the refiner found; None where steps are dear.
         mirror: Of the environment; None where it is not known to have one.
+        judging_seeds: Gives the episodes that judge what was found: those of the test, which a tuner must not see.
     """
 
     config: Config
@@ -30,6 +33,7 @@ class Problem:
     refiner: Refiner | None
     polisher: Refiner | None
     mirror: Mirror | None = None
+    judging_seeds: Callable[[Config], Seeds] = test_seeds
 
     @property
     def has_sums(self) -> bool:

@@ -14,6 +14,7 @@ from ge_torchrl.cli import VERBS
 from ge_torchrl.report import canvas
 from ge_torchrl.trees.files import write_controller
 
+TINY = ["env=cartpole", "refiner=none", "polish=none", "ge.generations=1", "ge.max_env_steps=60000"]
 LINES = {
     "check": ["CartPole-v1"],
     "completion": ["zsh"],
@@ -25,6 +26,7 @@ LINES = {
     "report": ["runs"],
     "resume": ["runs/0"],
     "status": ["runs"],
+    "tune": [*TINY, "--trials", "1"],
 }
 
 

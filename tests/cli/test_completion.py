@@ -53,6 +53,8 @@ def test_commands_groups_and_keys_are_offered_first(offered):
         ("check CartP", ["CartPole-v1"]),
         ("init env=cartp", ["env=cartpole"]),
         ("check LunarLander-v3 env.kw", ["env.kwargs="]),
+        ("tune env=cart", ["env=cartpole"]),
+        ("tune env=cartpole --tri", ["--trials"]),
         ("completion ", ["bash", "fish", "zsh"]),
         ("nonsense ", None),
     ],

@@ -1,6 +1,7 @@
 """Every command, setting and file that the documentation names is there."""
 
 import re
+import shutil
 import tomllib
 
 import pytest
@@ -28,6 +29,7 @@ from ge_torchrl.config.composing import compose
 from ge_torchrl.errors import UserError
 from ge_torchrl.report import pages, reading, runs
 from ge_torchrl.run import starting_file, surveying
+from ge_torchrl.tuning import study
 
 SECTIONS = ("env", "grammar", "ge", "evaluation", "refiner", "polish", "archive")
 KEY = re.compile(rf"(?:{'|'.join(SECTIONS)})\.[a-z_.]+")
@@ -55,6 +57,16 @@ def own_environment(tmp_path):
     (tmp_path / "my_conf" / "env").mkdir(parents=True)
     (text,) = blocks(ROOT / "docs" / "your_own_environment.md", "yaml")
     (tmp_path / "my_conf" / "env" / "pendulum_switch.yaml").write_text(text)
+
+
+@pytest.fixture
+def tuned_preset(tmp_path):
+    """The preset that a page tells of, where its commands look for it."""
+    (tmp_path / "tuning" / "mountaincar" / "experiment").mkdir(parents=True)
+    preset = "tuned_mountaincar.yaml"
+    shutil.copy(
+        ROOT / "docs" / "examples" / preset, tmp_path / "tuning" / "mountaincar" / "experiment" / preset
+    )
 
 
 @pytest.mark.parametrize("path", TODAYS_PAGES, ids=page_id)
@@ -87,7 +99,7 @@ def test_the_pages_print_commands():
     assert {arguments[0] for arguments in OURS} > set(VERBS)
 
 
-@pytest.mark.usefixtures("experiment", "own_environment", "finished_run")
+@pytest.mark.usefixtures("experiment", "own_environment", "finished_run", "tuned_preset")
 @pytest.mark.parametrize("arguments", [words for words in OURS if words[0] not in VERBS], ids=ids)
 def test_a_run_that_is_printed_composes(arguments, tmp_path):
     arguments = arguments[1:] if arguments[0] == RUN else arguments
@@ -111,6 +123,7 @@ def test_a_verb_that_is_printed_takes_its_arguments(arguments, experiment, monke
         (starting_file, "write_starting_file"),
         (experiment, "resume"),
         (jobs, "find_sweeps"),
+        (study, "check_keys"),
     ):
         monkeypatch.setattr(room, name, stop)
     status = command_line.main(arguments)
