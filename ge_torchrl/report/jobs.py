@@ -67,4 +67,8 @@ def _missing(folder: Path) -> Iterator[UnfinishedJob]:
         if path is None:
             yield UnfinishedJob(f"job {number}", "missing", f"left no folder: {_NOTHING}")
         elif not any(path.rglob(HISTORY)) and not any(path.rglob(TRACEBACK)):
-            yield UnfinishedJob(path.name, "missing", f"left nothing in its folder: {_NOTHING}")
+            state, fault = state_of(path)
+            if state == FAILED:
+                yield UnfinishedJob(path.name, state, fault)
+            else:
+                yield UnfinishedJob(path.name, "missing", f"left nothing in its folder: {_NOTHING}")

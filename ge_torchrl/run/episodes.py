@@ -69,12 +69,16 @@ def record_episodes(problem: Problem, verdict: Verdict) -> Episodes:
         pass
     except Exception as error:  # noqa: BLE001 - the run has its verdict, and ends well without this.
         _logger.warning("No more episodes could be recorded: %s", " ".join(str(error).split()))
-    seconds = _step_seconds(problem.backend.spec)
+    seconds = step_seconds(problem.backend.spec)
     return Episodes(verdict.test_returns, _visits(verdict), tuple(recorded), seconds)
 
 
-def _step_seconds(spec: EnvironmentSpec) -> float | None:
-    """Return how long a step is, which a plant with a derivative tells; a wrapper may take several."""
+def step_seconds(spec: EnvironmentSpec) -> float | None:
+    """Return how long a step of an environment is [s], which a plant with a derivative tells; None where none does.
+
+    Args:
+        spec: The environment; a wrapper may take several steps at a time.
+    """
     if spec.names.wrappers or not names_plant(spec.id):
         return None
     return read_plant(spec.id, spec.names.kwargs).dt or None

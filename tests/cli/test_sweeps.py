@@ -32,8 +32,8 @@ def test_a_job_that_fails_is_named_there(experiment, monkeypatch, tmp_path):
     assert main(["-m", "seed=0,1,2", "hydra.sweep.dir=there"]) == 1
     page = (tmp_path / "there" / "report.html").read_text()
     assert "2 finished runs" in page
-    assert "1 job not finished" in page
-    assert "1_seed=1</td><td>missing</td>" in page
+    assert "1 job failed" in page
+    assert '<span class="job">1_seed=1</span></td><td>failed</td><td>no</td>' in page
 
 
 @pytest.mark.parametrize("within_a_run", [True, False])

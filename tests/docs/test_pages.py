@@ -79,7 +79,12 @@ def test_an_environment_of_ones_own_is_one_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     small = ["refiner=none", "ge.generations=3", "ge.population_size=10", "env.workers=1"]
-    small += ["ge.max_env_steps=20000", "evaluation.validation_episodes=5", "evaluation.test_episodes=5", "hydra.run.dir=run"]
+    small += [
+        "ge.max_env_steps=20000",
+        "evaluation.validation_episodes=5",
+        "evaluation.test_episodes=5",
+        "hydra.run.dir=run",
+    ]
     assert main(["--config-dir", "my_conf", "env=pendulum_switch", *small]) == 0
     run = RunFolder(tmp_path / "run")
     assert run.read_summary().route == "gymnasium"

@@ -1,13 +1,18 @@
 """Episodes of the test that a run keeps: which, that they are the test's own, and that they never cost the run."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from plants_for_tests import MOTOR
 from runs_for_tests import config, run
 
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.environments.backend import LimitReachedError
 from ge_torchrl.environments.kernel_backend import KernelBackend
+from ge_torchrl.environments.spec import describe
 from ge_torchrl.run import episodes as episodes_module
+from ge_torchrl.run.episodes import step_seconds
 
 
 @pytest.fixture(scope="module")
@@ -107,3 +112,10 @@ def test_long_episodes_are_cut_and_their_length_is_told(tmp_path, monkeypatch):
     for one in RunFolder(tmp_path / "run").read_episodes().recorded:
         assert len(one.rewards) == 3 < one.length
         assert one.observations.shape == (4, 4)
+
+
+def test_the_length_of_a_step_is_that_of_a_plant_without_wrappers():
+    spec = describe(MOTOR)
+    assert step_seconds(spec) == 0.01
+    wrapped = replace(spec, names=replace(spec.names, wrappers=("module:Skips",)))
+    assert [step_seconds(one) for one in (wrapped, describe("CartPole-v1"))] == [None, None]
