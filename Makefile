@@ -22,8 +22,8 @@ run: $(VENV)/.installed ## Evolve a controller; choose with ENV=mountaincar and 
 test: lint chromium ## Check style, types, imports and behaviour: all that CI checks
 	@$(BIN)/pytest -n auto --dist worksteal
 
-test-all: lint chromium ## The same with the slow tests, which take minutes of a processor
-	@$(BIN)/pytest -n auto -m "slow or not slow"
+test-all: lint chromium ## The same with the slow tests, and five times as many generated examples
+	@$(BIN)/pytest -n auto --dist worksteal -m "slow or not slow" --hypothesis-profile=thorough
 
 # Tests open pages in a real browser, and skip that where there is none. Only root of a Debian can be given one by itself.
 chromium:

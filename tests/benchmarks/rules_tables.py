@@ -109,7 +109,9 @@ def rules_tables(folder: Path, _figures: Path) -> Iterator[tuple[str, str]]:
     table = Table.of(head, rows)
     yield "rules", "\n\n".join([table.markdown(), *texts])
     titles = ("to reach", "runs that reach it", "PPO refined, bettered", "seconds a run, median")
-    yield "rules-summary", without(table, *titles).markdown()
+    # Beside deep RL stand the tasks for which deep RL was published.
+    beside = Table.of(head, [row for row in rows if row[1]])
+    yield "rules-summary", without(beside, *titles).markdown()
 
 
 def without(table: Table, *titles: str) -> Table:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from hypothesis import settings
 from hypothesis import strategies as st
 
 from ge_torchrl.ge.codons import CODON_LIMIT, Codons
@@ -13,10 +12,6 @@ from ge_torchrl.ge.grammar import Grammar, read_grammar
 from ge_torchrl.ge.mapping import map_population
 from ge_torchrl.ge.rule_tables import compile_rules
 from ge_torchrl.trees.forest import Forest
-
-# The first example that meets a kernel waits for its compilation: no example may have a deadline.
-settings.register_profile("compiled", deadline=None)
-settings.load_profile("compiled")
 
 FEATURES = ["f0", "f1"]
 ACTIONS = ["a0", "a1", "a2"]
