@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -146,7 +147,7 @@ def unfinished_text(run: UnfinishedRun, form: Form) -> str:
         f"{run.so_far}; the best tree so far has {nodes}{fitness}",
     ]
     if run.state != RUNNING:
-        lines.append(f"to go on: {RESUME} {run.path}")
+        lines.append(f"to go on: {RESUME} {shlex.quote(str(run.path))}")
     rows = [
         (str(one.tree.num_decision_nodes), "" if mean is None else f"{mean:.2f}")
         for one, mean in ((one, archive_mean(one)) for one in run.archive)
