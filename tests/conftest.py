@@ -11,7 +11,8 @@ from hypothesis import settings
 import ge_torchrl.report
 
 # The first example that meets a kernel waits for its compilation: no example may have a deadline. The same examples
-# every time keep a failure from coming and going. `make test` has four minutes; `make test-all` takes the second profile.
+# every time keep a failure from coming and going. `make test` has four minutes; `make test-all` takes the second
+# profile.
 settings.register_profile("quick", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", deadline=None, derandomize=True, max_examples=200)
 settings.load_profile("quick")
