@@ -21,7 +21,7 @@ from ge_torchrl.__main__ import main
         ["evaluate", "tree.json", "--episodes", "1" * 5000],
         ["evaluate", "red.json"],
         ["export", "pipe", "--to", "c"],
-        ["export", "tree.json", "--to", "c", "--out", "nowhere/tree.c"],
+        ["export", "tree.json", "--to", "c", "--out", "tree.json/tree.c"],
         ["export", "tree.json", "--to", "\x1b[31m"],
         ["play", "/dev/zero", "--out", "episode.gif"],
         ["report", "a" * 5000],
