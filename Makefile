@@ -23,6 +23,7 @@ test: lint chromium ## Check style, types, imports and behaviour: all that CI ch
 	@$(BIN)/pytest -n auto --dist worksteal
 
 test-all: lint chromium ## The same with the slow tests, and five times as many generated examples
+	@$(PIP) install -c constraints.txt -e ".[ray]"
 	@$(BIN)/pytest -n auto --dist worksteal -m "slow or not slow" --hypothesis-profile=thorough
 
 # Tests open pages in a real browser, and skip that where there is none. Only root of a Debian can be given one by itself.

@@ -13,10 +13,9 @@ import argparse
 import os
 import secrets
 import sys
-import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,15 +25,15 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf._utils import get_omega_conf_dumper
 from omegaconf.errors import OmegaConfBaseException
 
-from ge_torchrl.artefacts.jobs import Sweep, Words
+from ge_torchrl.artefacts.jobs import Sweep
 from ge_torchrl.cli import RUN, as_asked, verb_of
+from ge_torchrl.cli.carrying import carry_out, on_threads
 from ge_torchrl.cli.choices import (
     as_meant,
     check_file,
@@ -44,21 +43,19 @@ from ge_torchrl.cli.choices import (
     with_environment,
     words_of,
 )
-from ge_torchrl.cli.jobs import jobs_of
-from ge_torchrl.cli.output import is_output_closed, open_console, prepare_output, tell
+from ge_torchrl.cli.jobs import FOLDERS, Engine, Job, check_override, jobs_of
+from ge_torchrl.cli.output import is_output_closed, prepare_output, tell
 from ge_torchrl.cli.parser import options_of_run
 from ge_torchrl.cli.process import seen_by_others
 from ge_torchrl.cli.statuses import FAULT, INTERRUPTED, OK, OUTPUT_CLOSED, USER_ERROR, JobFailedError
-from ge_torchrl.cli.sweeps import announce, page_of_sweep
+from ge_torchrl.cli.sweeps import announce, begin, page_of_sweep
 from ge_torchrl.cli.waiting import looked_at
 from ge_torchrl.cli.words import folder_told, one_line, represented, shortened, unreadable
-from ge_torchrl.config import MAPPINGS, Config, check_group, check_key, template
-from ge_torchrl.config.files import CONF, choices, of_the_thesis, unknown_choice
+from ge_torchrl.config import MAPPINGS, Config, template
+from ge_torchrl.config.files import CONF, of_the_thesis, unknown_choice
 from ge_torchrl.errors import ConfigError, RunFaultError, UserError
 from ge_torchrl.version import __version__
 
-# Where Hydra makes the folders of runs.
-_FOLDERS = ("hydra.run.dir", "hydra.sweep.dir", "hydra.sweep.subdir")
 _VERSION_BASE = "1.3"
 _FULL_ERROR = {"HYDRA_FULL_ERROR": "1"}  # Hydra raises its exceptions instead of printing them.
 
@@ -107,7 +104,9 @@ def _run(arguments: list[str]) -> int:
     arguments = [*(word for word in arguments if word not in typed), *options.overrides]
     jobs = _check(options)
     if options.multirun:
-        announce(Sweep(jobs, tuple(arguments)))
+        announce(Sweep(tuple(job.words for job in jobs), tuple(arguments)))
+    if jobs and (engine := jobs[0].engine):
+        return _by_engine(engine, jobs)
     statuses, process = list[int](), os.getpid()
 
     def job(values: DictConfig) -> None:
@@ -126,7 +125,7 @@ def _run(arguments: list[str]) -> int:
         page_of_sweep(),
         seen_by_others(arguments, _FULL_ERROR),
         _in_our_words(),
-        folder_told(_FOLDERS[options.multirun]),
+        folder_told(FOLDERS[options.multirun]),
     ):
         try:
             launch()
@@ -140,78 +139,88 @@ def _run(arguments: list[str]) -> int:
 
 
 def _job(values: DictConfig) -> int:
-    """Run one job and return its status; a failure is told here, so the other jobs of a sweep go on."""
+    """Run one job and return its status; a failure is told, so the other jobs of a sweep go on."""
     prepare_output()  # A launcher's own process has not been through main.
-    try:
-        config = _config_from(values)
-        context = HydraConfig.get()
-        if "joblib" in str(context.launcher.get("_target_")) and config.evaluation.threads == 0:
-            # Jobs side by side share the cores: one thread each. Results do not depend on it.
-            config = replace(config, evaluation=replace(config.evaluation, threads=1))
-        from ge_torchrl.run.jobs import run_job
-
-        words = tuple(context.overrides.task) if context.mode == RunMode.MULTIRUN else None
-        summary = run_job(config, Path(context.runtime.output_dir), open_console(), words)
-    except Exception as error:  # noqa: BLE001 - it is told and the exit status tells.
-        if is_output_closed():
-            return OUTPUT_CLOSED  # Whatever else went wrong followed from it.
-        if isinstance(error, UserError | RunFaultError):
-            return tell(error)
-        traceback.print_exc()
-        return FAULT
-    if summary is not None and summary.stopped_by == "interrupt" and context.mode == RunMode.MULTIRUN:
-        # Ctrl-C ended the job with what it had found; whoever pressed it means the sweep.
-        raise KeyboardInterrupt("the job has told what it found")
-    return OK
+    config, context = _config_from(values), HydraConfig.get()
+    if "joblib" in str(context.launcher.get("_target_")):
+        config = on_threads(config, 1)
+    words = tuple(context.overrides.task) if context.mode == RunMode.MULTIRUN else None
+    return carry_out(config, Path(context.runtime.output_dir), words)
 
 
 def _composed(words: list[str]) -> Config:
     """Return the configuration of one run that these words would begin."""
     _prepare_hydra()
     options = options_of_run(get_args_parser(), with_environment(as_meant(words)))
-    ((_, config),) = _configs(options)
-    return config
+    (job,) = _jobs(options)
+    return job.config
 
 
-def _check(options: argparse.Namespace) -> tuple[Words, ...]:
-    """Compose and validate every job of the command line, and return their words; nothing is written."""
+def _check(options: argparse.Namespace) -> Sequence[Job]:
+    """Compose and validate every job of the command line, and return them; nothing is written."""
     if options.shell_completion or options.hydra_help:
         return ()
-    jobs = _configs(options)
+    jobs = _jobs(options)
     if options.cfg or options.help or options.info:
         return ()
     from ge_torchrl.run.plan import plan
 
     # The jobs of a sweep mostly share environment and grammar, which are made real once.
-    for config in {(config.env, config.grammar, config.ge): config for _, config in jobs}.values():
+    for config in {(one.config.env, one.config.grammar, one.config.ge): one.config for one in jobs}.values():
         with looked_at(config.env.id):
             plan(config)
-    return tuple(words for words, _ in jobs)
+    return jobs
 
 
-def _configs(options: argparse.Namespace) -> list[tuple[Words, Config]]:
-    """Return the words of every job of the command line but Hydra's own, and its configuration."""
+def _jobs(options: argparse.Namespace) -> list[Job]:
+    """Return every job of the command line; its words are those that are not Hydra's own."""
     conf = folder_from(options.config_path)
     sweep = options.multirun or "hydra.mode=MULTIRUN" in options.overrides
     with _in_our_words(), hydra.initialize_config_dir(str(conf), version_base=_VERSION_BASE):
         loader = GlobalHydra.instance().config_loader()
         overrides = OverridesParser.create(config_loader=loader).parse_overrides(options.overrides)
         for override in overrides:
-            _check_override(override, sweep=sweep)
+            check_override(override, sweep=sweep)
         config_name = options.config_name or "config"
         check_file(conf, config_name)
         also_in = searched(options.config_dir, config_name)
 
         def composed(job: Iterable[str]) -> DictConfig:
-            return hydra.compose(config_name, overrides=[*job, *also_in])
+            return hydra.compose(config_name, overrides=[*job, *also_in], return_hydra_config=True)
 
-        configs = []
-        for job in jobs_of(overrides):
+        jobs = []
+        for number, job in enumerate(jobs_of(overrides, sweep=sweep)):
             values = composed(job)
             _check_experiment(job, composed)
             words = tuple(word for word in job if not word.lstrip("+~").startswith("hydra"))
-            configs.append((words, _config_from(values)))
-    return configs
+            engine = _engine_of(values, number) if sweep else None
+            with open_dict(values):
+                del values["hydra"]
+            jobs.append(Job(words, _config_from(values), engine))
+    return jobs
+
+
+def _engine_of(values: DictConfig, number: int) -> Engine | None:
+    if "engine" not in values.hydra.launcher:
+        return None
+    if not str(values.hydra.sweeper.get("_target_")).endswith(".BasicSweeper"):
+        raise ConfigError(
+            f"hydra/sweeper must be basic, because all jobs go to {values.hydra.launcher.engine} at once; got another"
+        )
+    with open_dict(values):
+        values.hydra.job.num = number
+    HydraConfig.instance().set_config(values)
+    settings: Any = OmegaConf.to_container(values.hydra.launcher, resolve=True)
+    return Engine(settings, Path(values.hydra.sweep.dir), str(values.hydra.sweep.subdir))
+
+
+def _by_engine(engine: Engine, jobs: Sequence[Job]) -> int:
+    from ge_torchrl.cli.engines import Task, run_by_engine
+
+    begin(engine.sweep)
+    tasks = [Task(job.config, engine.sweep / job.engine.run, job.words) for job in jobs if job.engine]
+    with page_of_sweep():
+        return run_by_engine(engine.settings, tasks, engine.sweep)
 
 
 def _check_experiment(job: Sequence[str], composed: Callable[[Iterable[str]], DictConfig]) -> None:
@@ -227,24 +236,6 @@ def _check_experiment(job: Sequence[str], composed: Callable[[Iterable[str]], Di
         raise ConfigError(
             f"{experiments[0]} fixes the environment, {fixed}, so expected no other one; got {' '.join(environments)}"
         )
-
-
-def _check_override(override: Override, *, sweep: bool) -> None:
-    key = override.key_or_group
-    if key in _FOLDERS and not override.is_sweep_override() and override.value() in ("", None):
-        raise ConfigError(
-            f"{key} must be a folder, because a run leaves its files there; got {override.input_line}"
-        )
-    if override.is_sweep_override() and not sweep:
-        raise ConfigError(f"{key} must be one value; got {override.input_line}; for a run of each, add -m")
-    names_a_file = override.is_sweep_override() or override.is_delete() or isinstance(override.value(), str)
-    if names_a_file:
-        check_group(key)
-    if (offered := choices(key)) and not names_a_file:
-        raise ConfigError(f"{key} must be one of {', '.join(offered)}; got {override.get_value_string()}")
-    # The other keys are Hydra's own, and its choices of files (group=choice, group/sub=choice, group@place=choice).
-    if "/" not in key and key.partition(".")[0] not in ("hydra", "experiment"):
-        check_key(key)
 
 
 def _config_from(values: DictConfig) -> Config:
@@ -283,6 +274,11 @@ def _in_our_words() -> Iterator[None]:
         yield
     except BrokenPipeError:
         raise
+    except BrokenExecutor as broken:
+        raise RunFaultError(
+            "a process of the sweep died, perhaps for want of memory, and joblib ended the others with it; "
+            "the same command with the sweep's folder (hydra.sweep.dir=...) goes on"
+        ) from broken
     except MissingConfigException as error:
         group, _, choice = (error.missing_cfg_file or "").partition("/")
         if group == "hydra":

@@ -10,7 +10,7 @@ from pathlib import Path
 from ge_torchrl.artefacts.texts import told_of
 from ge_torchrl.errors import ArtefactError
 
-LOCK = ".lock"
+LOCK, JOB_LOCK = ".lock", ".job.lock"
 
 
 class Lock:
@@ -18,13 +18,14 @@ class Lock:
 
     Args:
         folder: The folder.
+        name: Of the file that is locked: a job of a sweep holds one more, since it begins before its run writes.
 
     Raises:
         ArtefactError: Another process holds it, or the folder cannot be written.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / LOCK
+    def __init__(self, folder: Path, name: str = LOCK) -> None:
+        self._path = folder / name
         self._descriptor: int | None = None
         # Whoever held it may have removed the file between its opening and its locking here.
         while self._descriptor is None:
@@ -80,9 +81,13 @@ def in_turn(path: Path) -> Iterator[None]:
 
 
 def is_locked(folder: Path) -> bool:
-    """Tell whether a process holds the lock of a folder."""
+    """Tell whether a process holds the lock of a folder, as a run or as a job of a sweep."""
+    return any(_is_locked(folder / name) for name in (LOCK, JOB_LOCK))
+
+
+def _is_locked(path: Path) -> bool:
     try:
-        descriptor = os.open(folder / LOCK, os.O_RDONLY)
+        descriptor = os.open(path, os.O_RDONLY)
     except OSError:
         return False
     try:

@@ -20,15 +20,20 @@ def announce(sweep: Sweep) -> None:
     _announced[:] = [sweep]
 
 
+def begin(folder: Path) -> None:
+    """Begin the sweep in a folder: its jobs are written there, if that can be."""
+    _folders[:] = [folder]
+    for sweep in _announced:
+        with suppress(ArtefactError):  # The first run tells of a folder that cannot be written.
+            write_sweep(folder, sweep)
+
+
 class SweepFolder:
     """Remembers where a sweep leaves its runs: Hydra calls it, as `hydra.callbacks` of conf/config.yaml names it."""
 
     def on_multirun_start(self, config: Any, **_: object) -> None:
         """Remember the folder of the sweep that begins, and write its jobs there."""
-        _folders[:] = [Path(str(config.hydra.sweep.dir))]
-        for sweep in _announced:
-            with suppress(ArtefactError):  # Hydra tells of a folder that cannot be written.
-                write_sweep(_folders[0], sweep)
+        begin(Path(str(config.hydra.sweep.dir)))
 
     def on_run_start(self, **_: object) -> None:
         """Forget a sweep that was broken off, since a single run begins."""

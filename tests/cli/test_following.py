@@ -64,7 +64,19 @@ def test_a_folder_without_a_sweep_is_refused(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.usefixtures("experiment")
 def test_the_words_of_a_job_are_those_that_hydra_gives_it(tmp_path):
-    assert main(["-m", "seed=3,4", "refiner=none,ppo", "++ge.generations=2", "hydra.sweep.dir=there"]) == 0
+    assert (
+        main(
+            [
+                "-m",
+                "seed=3,4",
+                "refiner=none,ppo",
+                "env.kwargs.how=a:b",
+                "++ge.generations=2",
+                "hydra.sweep.dir=there",
+            ]
+        )
+        == 0
+    )
     written = {tuple(json.loads(path.read_text())["words"]) for path in (tmp_path / "there").rglob(JOB)}
     assert written == set(read_sweep(tmp_path / "there").jobs)
     assert len(written) == 4

@@ -1,8 +1,11 @@
 """The end of a sweep: its page stands beside its runs, and never changes how the sweep ends."""
 
+from concurrent.futures.process import BrokenProcessPool
+
 import pytest
 from sweeps_for_tests import write_run
 
+from ge_torchrl import __main__ as command_line
 from ge_torchrl.__main__ import main
 from ge_torchrl.report.html import writing
 
@@ -70,6 +73,21 @@ def test_a_sweep_that_its_launcher_breaks_off_leaves_its_page(experiment, monkey
     assert main(["-m", "seed=0,1,2", "hydra.sweep.dir=there"]) == 2
     assert "1 finished run" in (tmp_path / "there" / "report.html").read_text()
     assert "side by side: there/report.html" in capsys.readouterr().out
+
+
+def test_a_process_that_dies_under_joblib_is_told_in_one_line(experiment, monkeypatch, capsys):
+    def launched(**_):
+        def dying():
+            raise BrokenProcessPool("it was terminated")
+
+        return lambda _: dying
+
+    monkeypatch.setattr(command_line.hydra, "main", launched)
+    assert main(["-m", "seed=0,1"]) == 1
+    assert experiment.runs == []
+    assert capsys.readouterr().err.startswith(
+        "ge-torchrl: a process of the sweep died, perhaps for want of memory"
+    )
 
 
 def test_a_single_run_has_no_page_of_a_sweep(experiment, monkeypatch, tmp_path, capsys):

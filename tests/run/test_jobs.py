@@ -8,6 +8,7 @@ from runs_for_tests import assert_same_bytes, config
 
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.artefacts.jobs import JOB, read_job
+from ge_torchrl.artefacts.locks import is_locked
 from ge_torchrl.errors import ArtefactError, EnvironmentFaultError
 from ge_torchrl.run import checkpointing, experiment, running
 from ge_torchrl.run.jobs import run_job
@@ -62,6 +63,13 @@ def test_what_ended_a_job_is_written_there_and_it_can_be_done_again(tmp_path, mo
     carried_out(tmp_path / "job")
     assert read_job(tmp_path / "job").error is None
     assert experiment.is_finished(tmp_path / "job")
+
+
+def test_a_job_runs_from_its_beginning(tmp_path, monkeypatch):
+    monkeypatch.setattr(experiment, "run", lambda _, folder, __: is_locked(folder))
+    assert carried_out(tmp_path / "job")[0] is True
+    assert not is_locked(tmp_path / "job")
+    assert [path.name for path in (tmp_path / "job").iterdir()] == [JOB]
 
 
 @pytest.mark.parametrize("other", [{"words": ("seed=1",)}, {"settings": config(ge={"generations": 5})}])
