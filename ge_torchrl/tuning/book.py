@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -74,6 +74,24 @@ def open_study(folder: Path) -> Study:
         ) from error
 
 
+def forget_failed(folder: Path) -> bool:
+    """Take away the trials of a study that has found nothing and that no process works at; tell whether that was so.
+
+    Raises:
+        UserError: Optuna is not installed.
+        ArtefactError: The journal cannot be read.
+    """
+    if not (folder / JOURNAL).exists():
+        return True
+    with in_turn(folder / _TURN):
+        if any(is_locked(worker) for worker in _workers(folder)):
+            return False
+        if any(trial.user_attrs.get(RETURNS) for trial in open_study(folder).get_trials(deepcopy=False)):
+            return False
+        (folder / JOURNAL).unlink()
+    return True
+
+
 def is_given_up(trial: FrozenTrial) -> bool:
     """Tell whether a trial died and another one stands for it, so that it does not count."""
     is_dead = trial.state.name == "FAIL" and FAULT not in trial.user_attrs
@@ -101,7 +119,7 @@ class Book:
         self._name = f"{os.getpid()}-{secrets.token_hex(4)}"
         own = folder / _WORKERS / self._name
         with in_turn(folder / _TURN):
-            if not any(is_locked(other) for other in self._workers()):
+            if not any(is_locked(other) for other in _workers(folder)):
                 _mend(folder)
             with told_of(own):
                 own.mkdir(parents=True)
@@ -128,12 +146,16 @@ class Book:
         Args:
             total: Trials of the whole study.
             dead: Is told the number of each trial whose process died.
+
+        Raises:
+            UserError: The settings as they stand cannot run, so that there is nothing to compare others with.
         """
         with in_turn(self._folder / _TURN):
             for number in self._give_up_dead():
                 dead(number)
             trials = self.study.get_trials(deepcopy=False)
             begun = [trial for trial in trials if not is_given_up(trial)]
+            _check_untuned(begun)
             is_waiting = any(trial.state.name == "WAITING" for trial in begun)
             if not is_waiting and len(begun) >= total:
                 return None
@@ -185,10 +207,6 @@ class Book:
             isinstance(worker, str) and worker != self._name and is_locked(self._folder / _WORKERS / worker)
         )
 
-    def _workers(self) -> Iterator[Path]:
-        with suppress(OSError):
-            yield from (self._folder / _WORKERS).iterdir()
-
     def _untuned(self) -> dict[str, Any]:
         return {one.key: one.untuned for one in self._task.space if one.holds_untuned}
 
@@ -209,6 +227,18 @@ class Book:
                 trial.suggest_int(one.key, int(one.low), int(one.high), log=one.is_log)
             else:
                 trial.suggest_float(one.key, one.low, one.high, log=one.is_log)
+
+
+def _check_untuned(trials: Iterable[FrozenTrial]) -> None:
+    for trial in trials:
+        if trial.user_attrs.get(UNTUNED) and trial.state.name == "FAIL":
+            fault = trial.user_attrs.get(FAULT, "its process died again and again")
+            raise UserError(f"nothing is tuned where the settings as they stand cannot run: {fault}")
+
+
+def _workers(folder: Path) -> Iterator[Path]:
+    with suppress(OSError):
+        yield from (folder / _WORKERS).iterdir()
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from rich.console import Console
 from ge_torchrl.artefacts.texts import told_of
 from ge_torchrl.config import Config
 from ge_torchrl.report.tables import counted
-from ge_torchrl.tuning.book import INSTALL
+from ge_torchrl.tuning.book import INSTALL, forget_failed
 from ge_torchrl.tuning.findings import COMPLETE, ENDED, Findings, findings_of
 from ge_torchrl.tuning.page import UNSEEN, verdict, write_page
 from ge_torchrl.tuning.preset import (
@@ -57,6 +57,8 @@ def begin(folder: Path, asked: Asked, console: Console) -> Task:
         UserError: The run cannot be done, the space is none, or the folder holds another study.
     """
     earlier = read_task(folder)
+    if earlier is not None and forget_failed(folder):
+        earlier = None
     pinned = {word.partition("=")[0].lstrip("+~") for word in asked.words}
     task = prepare(asked.config, asked.space, pinned, asked.runs, earlier, console)
     task = replace(task, words=asked.words, config_dir=asked.config_dir)

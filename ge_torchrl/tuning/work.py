@@ -132,9 +132,6 @@ def carry_out_trial(book: Book, task: Task, trial: Trial, *, is_alone: bool = Tr
         task: What is asked.
         trial: Just begun.
         is_alone: Whether its runs may use all cores.
-
-    Raises:
-        UserError: It is the untuned one, and its run cannot be done.
     """
     from optuna.trial import TrialState
 
@@ -149,8 +146,6 @@ def carry_out_trial(book: Book, task: Task, trial: Trial, *, is_alone: bool = Tr
     except (UserError, RunFaultError) as fault:
         trial.set_user_attr(FAULT, str(fault))
         book.study.tell(trial, state=TrialState.FAIL)
-        if is_untuned and isinstance(fault, UserError):
-            raise
         return f"{'':>10}  failed: {fault}"
     book.study.tell(trial, _mean(returns))
     return f"{_mean(returns):>10.2f}" + ("  the settings as they stand" if is_untuned else "")

@@ -10,7 +10,7 @@ from ge_torchrl.errors import ArtefactError, ConfigError, RunFaultError, UserErr
 from ge_torchrl.search import fitness
 from ge_torchrl.seeding import EPISODE_SEEDS, episode_seeds
 from ge_torchrl.tuning import objective
-from ge_torchrl.tuning.book import JOURNAL, Book
+from ge_torchrl.tuning.book import JOURNAL, Book, forget_failed
 from ge_torchrl.tuning.findings import COMPLETE, ENDED, FAILED, findings_of
 from ge_torchrl.tuning.task import check_same, read_task, tuning_seeds, write_task
 from ge_torchrl.tuning.work import work
@@ -101,10 +101,17 @@ def test_a_trial_that_fails_is_told_and_the_others_go_on(tmp_path, runs, fault):
     assert told(tmp_path)[1][0] == FAILED
 
 
-def test_where_the_settings_as_they_stand_cannot_run_nothing_is_tuned(tmp_path, runs):
-    runs.raises = {1: ConfigError("ge.max_env_steps must leave room")}
-    with pytest.raises(ConfigError, match="must leave room"):
-        made_up_study(tmp_path, TASK, 3)
+@pytest.mark.parametrize("fault", [ConfigError("ge.max_env_steps is small"), RunFaultError("it broke")])
+def test_where_the_settings_as_they_stand_cannot_run_nothing_is_tuned(tmp_path, runs, fault):
+    runs.raises = {1: fault}
+    for _ in range(2):
+        with pytest.raises(UserError, match=f"where the settings as they stand cannot run: {fault}"):
+            made_up_study(tmp_path, TASK, 3)
+    assert len(runs.runs) == 1
+    assert forget_failed(tmp_path), "the same command begins anew"
+    made_up_study(tmp_path, TASK, 3)
+    assert not forget_failed(tmp_path)
+    assert len(told(tmp_path)) == 3
 
 
 @pytest.mark.usefixtures("runs")
