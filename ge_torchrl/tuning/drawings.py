@@ -51,7 +51,7 @@ def returns_shown(findings: Findings) -> tuple[float, float]:
 def history(findings: Findings) -> Markup:
     """Draw what each trial returned, the best so far, and the settings as they stand."""
     low, high = returns_shown(findings)
-    last = max(len(findings.tried) - 1, 1)
+    last = max((one.number for one in findings.tried), default=1) or 1
     across = _Scale(0, last, _LEFT + 12, _WIDTH - _RIGHT - 12)
     up = _Scale(low, high, _HEIGHT - _BOTTOM, _TOP)
     parts = [*_frame(_WIDTH, _HEIGHT, up, "mean return")]
@@ -66,9 +66,9 @@ def history(findings: Findings) -> Markup:
         )
     parts.append(element("path", class_="best-line", d=_best_so_far(findings.tried, across, up)))
     best = findings.best
-    for place, one in enumerate(findings.tried):
+    for one in findings.tried:
         if one.value is not None:
-            parts.append(_dot(one, across(place), up(one.value), is_best=one is best))
+            parts.append(_dot(one, across(one.number), up(one.value), is_best=one is best))
     svg = element("svg", joined(parts), viewBox=f"0 0 {_WIDTH} {_HEIGHT}", role="img", aria_label="History")
     told = "A filled dot is a trial with all of its runs, a ring one that ended early; the line is the best so far."
     if any(one.value is not None and one.value < low for one in findings.tried):
@@ -173,12 +173,12 @@ def _ticks(low: float, high: float, n_at_most: int) -> list[float]:
 
 def _best_so_far(tried: Sequence[Tried], across: _Scale, up: _Scale) -> str:
     path, best = "", -math.inf
-    for place, one in enumerate(tried):
+    for one in tried:
         if one.state == COMPLETE and one.value is not None and one.value > best:
-            path += f"L{across(place)} {up(best)}" if path else ""
+            path += f"L{across(one.number)} {up(best)}" if path else ""
             best = one.value
-            path += f"{'L' if path else 'M'}{across(place)} {up(best)}"
-    return f"{path}L{across(len(tried) - 1)} {up(best)}" if path else ""
+            path += f"{'L' if path else 'M'}{across(one.number)} {up(best)}"
+    return f"{path}L{across(tried[-1].number)} {up(best)}" if path else ""
 
 
 def _dot(one: Tried, x: float, y: float, *, is_best: bool) -> Markup:

@@ -158,7 +158,8 @@ def _is_alone(key: str, keys: list[str]) -> bool:
 def _cells(one: Tried, keys: list[str], *, is_best: bool) -> Iterator[str]:
     badges = [("best", "solved")] if is_best else []
     badges += [("untuned", "open")] if one.is_untuned else []
-    yield joined([str(one.number), *(element("span", text, class_=f"badge {kind}") for text, kind in badges)])
+    told = [element("span", text, class_=f"badge {kind}") for text, kind in badges]
+    yield joined([f"{one.number} ", *told])
     yield f"{one.state}: {one.fault}" if one.fault else one.state.replace(" ", "\u00a0")
     yield number(one.value)
     yield str(len(one.returns))
