@@ -1,8 +1,8 @@
 """NumPy's linear algebra on one thread, for matrices that are too small to share.
 
 From some forty numbers on, NumPy's library shares what CMA-ES multiplies between threads, which wait for each other by
-spinning: sixty rounds of a hundred numbers took a process 4.3 seconds of a busy processor, and 1.4 with one thread. How a
-sum is shared can decide its last bits, too, and a launcher of several jobs gives each of them fewer threads.
+spinning: sixty rounds of a hundred numbers took 4.3 seconds of a busy processor, and 1.4 with one thread. How a sum is
+shared can decide its last bits, too, and a launcher of several jobs gives each of them fewer threads.
 """
 
 from __future__ import annotations
