@@ -36,6 +36,32 @@ def own_clock():
         yield clock
 
 
+@pytest.fixture
+def tried(record_property):
+    """Count what a test tried and what was lost, for the end of the run: `tried("kills of runs", 20, 0)`."""
+
+    def count(what, n_tried, n_lost):
+        record_property("tried", [what, n_tried, n_lost])
+
+    return count
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Print what was tried, of all reports: they come from other processes too."""
+    counts = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            for name, value in getattr(report, "user_properties", ()):
+                if name == "tried" and report.when == "call":
+                    what, n_tried, n_lost = value
+                    before = counts.get(what, (0, 0))
+                    counts[what] = before[0] + n_tried, before[1] + n_lost
+    if counts:
+        terminalreporter.section("reliability")
+        for what, (n_tried, n_lost) in sorted(counts.items()):
+            terminalreporter.line(f"{what}: {n_tried:,} tried, {n_lost:,} lost")
+
+
 @pytest.fixture(autouse=True)
 def own_log_handlers():
     """Take away what a test hung on the root logger: its stream is closed when the next one logs."""

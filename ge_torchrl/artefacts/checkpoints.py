@@ -33,6 +33,7 @@ CHECKPOINTS = "checkpoints"
 FORMAT = "ge_torchrl.checkpoint/1"
 
 _KEPT = 2
+_NOTHING = "it holds none, nor the summary.json of a run that is finished"
 _PLAIN = "plain"
 # What comes of bytes that somebody else has made.
 _FAULTS = (
@@ -117,9 +118,7 @@ def sound_checkpoint(run: Path, names: Names, told: Callable[[str], None]) -> Ch
         for fault in faults:
             told(f"{fault}; the run goes on from {path.name}")
         return checkpoint
-    raise ArtefactError(
-        f"{run} must hold a checkpoint to go on from; {faults[0] if faults else 'it holds none'}"
-    )
+    raise ArtefactError(f"{run} must hold a checkpoint to go on from; {faults[0] if faults else _NOTHING}")
 
 
 def config_of_checkpoints(run: Path) -> str | None:

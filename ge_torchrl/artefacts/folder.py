@@ -11,12 +11,12 @@
 | `archive.jsonl` | an `ArchiveRecord` for each number of decision nodes |
 | `archive/03.json` | the best tree with 3 decision nodes, pruned; likewise for the other sizes |
 | `episodes.json` | some test episodes step by step, and how often each leaf decided in all of them |
-| `summary.json` | the `Summary`; a folder that holds it is a finished run |
+| `summary.json` | the `Summary`, and the SHA-256 of all files above; a folder that holds it is a finished run |
 | `report.html` | all of it as a page to look at |
 | `checkpoints/` | from which a run goes on that did not come to its end |
 
 The history and the refinements grow line by line. Every other file is there whole or not at all, and may be written
-again while a run goes on.
+again while a run goes on. Whoever reads a file of a finished run learns whether it is still what the run wrote.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from pathlib import Path
 
 from ge_torchrl.artefacts.episodes import Episodes, episodes_text, read_episodes
 from ge_torchrl.artefacts.journal import CONFIG, HISTORY, REFINEMENTS, SUMMARY, TRACEBACK, Journal
-from ge_torchrl.artefacts.lines import read_record, read_records, to_json
+from ge_torchrl.artefacts.lines import CHECKSUM, read_record, read_records, read_sums, summary_text, to_json
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
+from ge_torchrl.artefacts.sums import SUMS, check_sum, sums_of
 from ge_torchrl.artefacts.texts import told_of, write_text
 from ge_torchrl.config import Config, without_gone
 from ge_torchrl.errors import ArtefactError
@@ -57,6 +58,12 @@ __all__ = [
 BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT = "best_tree.json", "best_tree_full.json", "best_tree.txt"
 ARCHIVE, ARCHIVE_TREES = "archive.jsonl", "archive"
 EPISODES, PAGE = "episodes.json", "report.html"
+
+_LISTED = (
+    CONFIG, HISTORY, REFINEMENTS, BEST_TREE, BEST_TREE_FULL, BEST_TREE_TEXT, ARCHIVE, ARCHIVE_TREES, EPISODES,
+)  # fmt: skip
+_OF_TREES = "copy it to another folder, where it is read as it is"
+_OF_OTHERS = f"remove the keys {SUMS} and {CHECKSUM} of {SUMMARY}: then the folder is read as it is"
 
 
 class RunFolder(Journal):
@@ -111,8 +118,23 @@ class RunFolder(Journal):
         write_text(self.path / EPISODES, episodes_text(episodes))
 
     def write_summary(self, summary: Summary) -> None:
-        """Write the summary, the last file of a run."""
-        write_text(self.path / SUMMARY, to_json(summary, indent=2))
+        """Write the summary, the last file of a run: what the others hold is listed there."""
+        write_text(self.path / SUMMARY, summary_text(summary, sums_of(self.path, _LISTED)))
+
+    def checked(self, name: str) -> Path:
+        """Return the path of a file, which is what the run wrote, if the run is finished; it need not be there else.
+
+        Args:
+            name: The file's path below the folder.
+
+        Raises:
+            ArtefactError: It is not, or it is gone, or the summary is damaged.
+        """
+        summary = self.path / SUMMARY
+        if is_there(summary):
+            is_tree = name in (BEST_TREE, BEST_TREE_FULL) or name.startswith(ARCHIVE_TREES + "/")
+            check_sum(self.path, name, read_sums(summary), remedy=_OF_TREES if is_tree else _OF_OTHERS)
+        return self.path / name
 
     def write_traceback(self, text: str) -> str:
         """Write the details of a fault, and return what to say of them."""
@@ -128,7 +150,7 @@ class RunFolder(Journal):
             ConfigError: It is not a configuration.
         """
         try:
-            values = yaml_of(read_text(self.path / CONFIG, MOST_SETTINGS_BYTES))
+            values = yaml_of(read_text(self.checked(CONFIG), MOST_SETTINGS_BYTES))
         except ValueError as error:
             raise ArtefactError(f"{self.path / CONFIG} is not YAML: {error}") from error
         return Config.from_mapping(without_gone(values))
@@ -139,7 +161,7 @@ class RunFolder(Journal):
         Raises:
             ArtefactError: There is no history, or a line is not a record.
         """
-        return read_records(GenerationRecord, self.path / HISTORY)
+        return read_records(GenerationRecord, self.checked(HISTORY))
 
     def read_refinements(self) -> list[RefinementRecord]:
         """Read all refinements.
@@ -147,7 +169,7 @@ class RunFolder(Journal):
         Raises:
             ArtefactError: There is no such file, or a line is not a record.
         """
-        return read_records(RefinementRecord, self.path / REFINEMENTS)
+        return read_records(RefinementRecord, self.checked(REFINEMENTS))
 
     def read_archive(self) -> list[ArchiveRecord]:
         """Read the table of the best trees, from small to large; it is empty where the run kept none.
@@ -155,7 +177,7 @@ class RunFolder(Journal):
         Raises:
             ArtefactError: A line is not a record.
         """
-        path = self.path / ARCHIVE
+        path = self.checked(ARCHIVE)
         return read_records(ArchiveRecord, path) if is_there(path) else []
 
     def read_archive_tree(self, decision_nodes: int) -> Controller:
@@ -176,7 +198,8 @@ class RunFolder(Journal):
                 f"the number of decision nodes must be one of {', '.join(map(str, sizes))}, because the archive of "
                 f"{self.path} has these; got {decision_nodes}"
             )
-        return read_controller(self._archive_tree(decision_nodes))
+        path = self._archive_tree(decision_nodes)
+        return read_controller(self.checked(path.relative_to(self.path).as_posix()))
 
     def read_episodes(self) -> Episodes | None:
         """Read what the test saw; None where the run kept nothing of it.
@@ -184,7 +207,7 @@ class RunFolder(Journal):
         Raises:
             ArtefactError: The file is not in its format.
         """
-        path = self.path / EPISODES
+        path = self.checked(EPISODES)
         return read_episodes(path) if is_there(path) else None
 
     def read_summary(self) -> Summary:
@@ -202,7 +225,7 @@ class RunFolder(Journal):
             ArtefactError: There is none.
             InvalidTreeError: The file holds no valid tree.
         """
-        return read_controller(self.path / BEST_TREE)
+        return read_controller(self.checked(BEST_TREE))
 
     def read_best_tree_full(self) -> Controller:
         """Read the champion as its genotype maps to it.
@@ -211,7 +234,7 @@ class RunFolder(Journal):
             ArtefactError: There is none.
             InvalidTreeError: The file holds no valid tree.
         """
-        return read_controller(self.path / BEST_TREE_FULL)
+        return read_controller(self.checked(BEST_TREE_FULL))
 
     def _archive_tree(self, decision_nodes: int) -> Path:
         return self.path / ARCHIVE_TREES / f"{decision_nodes:02}.json"

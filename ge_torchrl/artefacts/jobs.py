@@ -8,16 +8,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ge_torchrl.artefacts.lines import checked_values, with_checksum
 from ge_torchrl.artefacts.texts import told_of, write_text
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.printing import message_of, printable
-from ge_torchrl.reading import is_there, json_of, read_text
+from ge_torchrl.reading import is_there, read_text
 
 SWEEP, JOB = "sweep.json", "job.json"
 
@@ -137,17 +137,11 @@ def find_jobs(folder: Path) -> Iterator[tuple[Path, Job]]:
 
 
 def _write(path: Path, values: Mapping[str, Any]) -> None:
-    write_text(path, json.dumps(values, indent=2, ensure_ascii=False) + "\n")
+    write_text(path, with_checksum(values, indent=2) + "\n")
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        values = json_of(read_text(path))
-    except ValueError as error:
-        raise ArtefactError(f"{path} is not JSON: {error}") from error
-    if not isinstance(values, dict):
-        raise ArtefactError(f"{path} must be a JSON object")
-    return values
+    return checked_values(read_text(path), str(path))
 
 
 def _words(path: Path, name: str, values: object) -> Words:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import zlib
+from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +16,7 @@ from typing import IO, Any, NamedTuple, Self, TypeVar
 
 from ge_torchrl.artefacts.checking import check_values
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord, Summary
+from ge_torchrl.artefacts.sums import SUMS
 from ge_torchrl.artefacts.texts import put, read_text, settle, told_of
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.reading import json_of, read_bytes
@@ -103,19 +105,66 @@ class RecordWriter:
         return self._file
 
 
-def to_json(
-    record: GenerationRecord | RefinementRecord | ArchiveRecord | Summary, indent: int | None = None
-) -> str:
-    """Return a record as JSON with a final line break; numbers that are not finite, which JSON lacks, become null."""
-    values = {
+def to_json(record: GenerationRecord | RefinementRecord | ArchiveRecord) -> str:
+    """Return the record as JSON with a final line break; numbers that are not finite, which JSON lacks, become null."""
+    return with_checksum(_plain(record)) + "\n"
+
+
+def summary_text(summary: Summary, sums: Mapping[str, str]) -> str:
+    """Return the text of a summary's file, which lists the other files of its run; see `sums`."""
+    return with_checksum(_plain(summary) | {SUMS: dict(sums)}, indent=2) + "\n"
+
+
+def _plain(record: GenerationRecord | RefinementRecord | ArchiveRecord | Summary) -> dict[str, Any]:
+    return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in asdict(record).items()
     }
-    return json.dumps(values | {CHECKSUM: _checksum(values)}, indent=indent, allow_nan=False) + "\n"
 
 
-def _checksum(values: dict[str, Any]) -> str:
+def with_checksum(values: Mapping[str, Any], indent: int | None = None) -> str:
+    """Return plain values as a JSON object whose last key is the checksum of the others."""
+    return json.dumps({**values, CHECKSUM: _checksum(values)}, indent=indent, allow_nan=False)
+
+
+def _checksum(values: Mapping[str, Any]) -> str:
     return f"{zlib.crc32(json.dumps(values).encode()):08x}"
+
+
+def checked_values(text: str, source: str) -> dict[str, Any]:
+    """Return what a JSON object holds beside its checksum; an earlier version wrote none.
+
+    Args:
+        text: Of the object.
+        source: The text's name in messages.
+
+    Raises:
+        ArtefactError: It is none, or the checksum is that of another one.
+    """
+    try:
+        values: Any = json_of(text)
+    except ValueError as error:
+        raise ArtefactError(f"{source} is not JSON: {error}") from error
+    if not isinstance(values, dict):
+        raise ArtefactError(f"{source} must be a JSON object")
+    checksum = values.pop(CHECKSUM, None)
+    if checksum != _checksum(values) and (checksum is not None or SUMS in values):
+        raise ArtefactError(
+            f"{source} is damaged: its {CHECKSUM} is {checksum!r}, but its other keys make {_checksum(values)!r}"
+        )
+    return values
+
+
+def read_sums(path: Path) -> Mapping[str, str]:
+    """Return what a summary's file lists of the other files of its run; an earlier version listed none.
+
+    Raises:
+        ArtefactError: It cannot be read, or is damaged.
+    """
+    sums = checked_values(read_text(path), str(path)).get(SUMS, {})
+    if not isinstance(sums, dict) or not all(isinstance(value, str) for value in sums.values()):
+        raise ArtefactError(f"{path}: {SUMS} must be an object of texts")
+    return sums
 
 
 def read_records(kind: type[_Record], path: Path) -> list[_Record]:
@@ -147,22 +196,13 @@ def read_record(kind: type[_Record], path: Path) -> _Record:
 
 
 def _record(kind: type[_Record], text: str, source: str) -> _Record:
-    try:
-        values: Any = json_of(text)
-    except ValueError as error:
-        raise ArtefactError(f"{source} is not JSON: {error}") from error
+    values = checked_values(text, source)
     given = [field for field in fields(kind) if field.init]
     # A field with a default may be younger than the file, as the checksum may be.
     required = {field.name for field in given if field.default is MISSING}
-    if not isinstance(values, dict) or not required <= values.keys():
-        missing = sorted(required - values.keys()) if isinstance(values, dict) else sorted(required)
+    if missing := sorted(required - values.keys()):
         raise ArtefactError(
             f"{source} must be an object with every key of a {kind.__name__}; missing: {missing}"
-        )
-    checksum = values.pop(CHECKSUM, None)
-    if checksum is not None and checksum != _checksum(values):
-        raise ArtefactError(
-            f"{source} is damaged: its {CHECKSUM} is {checksum!r}, but its other keys make {_checksum(values)!r}"
         )
     # JSON knows lists alone, records tuples alone.
     known: dict[str, Any] = {

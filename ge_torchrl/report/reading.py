@@ -7,8 +7,8 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-from ge_torchrl.artefacts.controllers import named_controller
-from ge_torchrl.artefacts.folder import ARCHIVE_TREES, CONFIG, RunFolder
+from ge_torchrl.artefacts.controllers import named_controller, run_of
+from ge_torchrl.artefacts.folder import CONFIG, RunFolder
 from ge_torchrl.config import EnvironmentConfig
 from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.environments.spec import EnvironmentSpec, describe, describe_settings
@@ -34,7 +34,7 @@ def read_tree(path: Path, nodes: int | None) -> tuple[DecisionTree, EnvironmentS
     controller = named_controller(path, nodes)
     if is_folder(path):
         return controller.tree, environment_of_run(RunFolder(path), controller)
-    run = path.parent.parent if path.parent.name == ARCHIVE_TREES else path.parent
+    run = run_of(path)
     env = RunFolder(run).read_config().env if is_there(run / CONFIG) else None
     return controller.tree, environment_of_tree(controller, env, path)
 

@@ -66,30 +66,20 @@ def check(text, rows, wraps):
 ROWS = st.lists(genotypes(), min_size=1, max_size=3)
 
 
-@settings(max_examples=FEW)
-@given(TEXTS, ROWS, st.integers(0, 2))
-def test_any_text_is_refused_or_a_grammar(text, rows, wraps):
-    check(text, rows, wraps)
+@pytest.mark.parametrize("number", [FEW, pytest.param(MANY, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("texts", [TEXTS, mutants()], ids=["any text", "a damaged grammar"])
+def test_any_text_is_refused_or_a_grammar(texts, number, tried):
+    n_tried = 0
 
+    @settings(max_examples=number)
+    @given(texts, ROWS, st.integers(0, 2))
+    def each(text, rows, wraps):
+        nonlocal n_tried
+        check(text, rows, wraps)
+        n_tried += 1
 
-@settings(max_examples=FEW)
-@given(mutants(), ROWS, st.integers(0, 2))
-def test_a_damaged_grammar_is_refused_or_another_one(text, rows, wraps):
-    check(text, rows, wraps)
-
-
-@pytest.mark.slow
-@settings(max_examples=MANY)
-@given(TEXTS, ROWS, st.integers(0, 2))
-def test_any_of_thousands_of_texts(text, rows, wraps):
-    check(text, rows, wraps)
-
-
-@pytest.mark.slow
-@settings(max_examples=MANY)
-@given(mutants(), ROWS, st.integers(0, 2))
-def test_any_of_thousands_of_damaged_grammars(text, rows, wraps):
-    check(text, rows, wraps)
+    each()
+    tried("grammars and genotypes made by chance", n_tried, 0)
 
 
 def of_rules(form, n, last):

@@ -68,7 +68,7 @@ def write_again(path, written, disk):
             folder.release()
 
 
-def test_the_process_dies_in_any_write_sync_or_rename(tmp_path, written):
+def test_the_process_dies_in_any_write_sync_or_rename(tmp_path, written, tried):
     disk = Disk()
     write_again(tmp_path / "whole", written, disk)
     assert set(disk.calls) == {"write", "fsync", "replace"}
@@ -84,6 +84,7 @@ def test_the_process_dies_in_any_write_sync_or_rename(tmp_path, written):
         for name in ("best_tree.json", "archive/01.json", "archive/02.json"):
             if (folder / name).exists():
                 assert RunFolder(folder / name).path.read_text().endswith("}\n")
+    tried("deaths in a write, a sync or a rename", len(disk.calls), 0)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +98,7 @@ def alone(tmp_path_factory):
 
 
 class TestFull:
-    def at(self, share, alone, tmp_path):
+    def at(self, share, alone, tmp_path, tried):
         folder, n_bytes = alone
         path = tmp_path / "run"
         with Disk(room=int(share * n_bytes)), pytest.raises(ArtefactError) as raised:
@@ -105,16 +106,18 @@ class TestFull:
         assert "\n" not in str(raised.value)
         assert f"{path}" in str(raised.value)
         assert "No space left on device" in str(raised.value)
-        if not (path / "config.yaml").exists():
-            return
-        experiment.resume(path, Console(file=io.StringIO()))
-        assert_same_bytes(folder, path)
+        if (path / "config.yaml").exists():
+            experiment.resume(path, Console(file=io.StringIO()))
+            assert_same_bytes(folder, path)
+        tried("full disks", 1, 0)
 
     @pytest.mark.parametrize("share", [0.001, 0.05, 0.4, 0.8, 0.99])
-    def test_it_is_told_in_one_line_and_the_run_goes_on_where_there_is_room(self, share, alone, tmp_path):
-        self.at(share, alone, tmp_path)
+    def test_it_is_told_in_one_line_and_the_run_goes_on_where_there_is_room(
+        self, share, alone, tmp_path, tried
+    ):
+        self.at(share, alone, tmp_path, tried)
 
     @pytest.mark.slow
     @pytest.mark.parametrize("share", [number / 20 for number in range(20)])
-    def test_everywhere(self, share, alone, tmp_path):
-        self.at(share, alone, tmp_path)
+    def test_everywhere(self, share, alone, tmp_path, tried):
+        self.at(share, alone, tmp_path, tried)

@@ -7,10 +7,11 @@ from rich.console import Console
 
 from ge_torchrl.artefacts.lines import CHECKSUM
 from ge_torchrl.artefacts.records import CLOCK_FIELDS
+from ge_torchrl.artefacts.sums import SUMS
 from ge_torchrl.config import Config
 
-# What they say of the clock counts in checksums too.
-_CLOCK = CLOCK_FIELDS | {CHECKSUM}
+# What they say of the clock counts in sums too.
+_CLOCK = CLOCK_FIELDS | {CHECKSUM, SUMS}
 BNF = """
 <if>        ::= if <condition> then <action> else <action>
 <condition> ::= lt(theta, <constant>) | lt(theta_dot, <constant>)

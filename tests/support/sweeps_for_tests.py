@@ -6,7 +6,9 @@ from dataclasses import replace
 
 from records_for_tests import history, summary
 
-from ge_torchrl.artefacts.folder import RunFolder
+from ge_torchrl.artefacts.folder import SUMMARY, RunFolder
+from ge_torchrl.artefacts.lines import summary_text
+from ge_torchrl.artefacts.texts import write_text
 from ge_torchrl.config import (
     ArchiveConfig,
     Config,
@@ -99,6 +101,7 @@ def write_run(
         folder.write_archive(
             [(record, controller(chain(record.decision_nodes), names)) for record in archive]
         )
-    folder.write_summary(found)
+    # As an earlier version wrote it, which listed no other files: tests change them.
+    write_text(path / SUMMARY, summary_text(found, {}))
     folder.release()
     return path

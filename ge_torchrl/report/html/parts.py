@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from ge_torchrl.artefacts.folder import BEST_TREE_TEXT
+from ge_torchrl.artefacts.folder import BEST_TREE_TEXT, RunFolder
 from ge_torchrl.reading import is_there, read_text
 from ge_torchrl.report.html.template import Markup, element, joined
 from ge_torchrl.report.unfinished import RESUME
@@ -43,5 +43,5 @@ def facts_markup(facts: Iterable[tuple[str, str, str]]) -> Markup:
 
 def rule_text(run: Path) -> str:
     """Return the best tree as text, for a reader without scripts."""
-    path = run / BEST_TREE_TEXT
+    path = RunFolder(run).checked(BEST_TREE_TEXT)
     return read_text(path) if is_there(path) else ""
