@@ -16,27 +16,43 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import caching, config
+from numba.core import caching, config, event
 from numba.core.registry import cpu_target
 
-from ge_torchrl.kernel_cache import CheckedCacheFile, tell_once
+from ge_torchrl.interrupts import begin_unbroken, end_unbroken
+from ge_torchrl.kernel_cache import CheckedCacheFile, reason_against, tell_not_kept
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 # Kernels live on these floors and take functions and constants from them alone.
 _FLOORS_WITH_KERNELS = ("trees", "ge", "environments")
 # Of the files; see `kernel_cache`.
-_FORMAT = 2
+_FORMAT = 3
+# numba has no type information.
+_Listener: Any = event.Listener
 # The ending of an empty file, named after a kind of run.
 _CALLED = ".called"
+
+
+class _Compiling(_Listener):  # type: ignore[misc]
+    """numba at work: broken off it leaves tracebacks, and code that it takes for compiled."""
+
+    def on_start(self, event: Any) -> None:  # noqa: ARG002 (numba's own form)
+        begin_unbroken()
+
+    def on_end(self, event: Any) -> None:  # noqa: ARG002
+        end_unbroken()
+
+
+event.register("numba:compiler_lock", _Compiling())
 
 
 @functools.cache
 def cache_directory() -> Path:
     """Return the folder of the kernels that these sources compile to on this processor.
 
-    It lies in `$NUMBA_CACHE_DIR` where that is set, else beside the sources where they can be written, else in the
-    user's cache folder.
+    It lies in `$NUMBA_CACHE_DIR` where that is set, else beside the sources where this user alone can write there, else
+    in the user's cache folder.
     """
     digest = hashlib.sha256(f"{_FORMAT} {_processor()}".encode())
     for source in sorted(path for floor in _FLOORS_WITH_KERNELS for path in (_PACKAGE / floor).rglob("*.py")):
@@ -46,7 +62,8 @@ def cache_directory() -> Path:
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         return Path(chosen) / name
     beside = _PACKAGE / "__pycache__"
-    if os.access(beside if beside.exists() else _PACKAGE, os.W_OK):
+    can_write = os.access(beside if beside.exists() else _PACKAGE, os.W_OK)
+    if can_write and reason_against(beside / name) is None:
         return beside / name
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ge_torchrl" / name
 
@@ -102,14 +119,21 @@ def _compiled(function: _Function, *, forceinline: bool, folder: Path | None = N
 
 
 def _cached(compiling: Callable[..., Any], folder: Path) -> Any:
-    """Return what compiles with a cache on disk; without one where no folder can be written."""
+    """Return what compiles with a cache on disk; without one where no folder can be written by this user alone."""
+    reason = _reason_against(folder)
     try:
-        return compiling(cache=True)
+        if reason is None:
+            return compiling(cache=True)
     except RuntimeError as error:
         if "cannot cache function" not in str(error):
             raise
-        tell_once(f"Compiled kernels cannot be kept in {folder}; they are compiled at each start.")
-        return compiling(cache=False)
+        reason = "it cannot be written"
+    tell_not_kept(folder, reason)
+    return compiling(cache=False)
+
+
+# A hundred kernels ask for the same folder.
+_reason_against = functools.cache(reason_against)
 
 
 @contextmanager

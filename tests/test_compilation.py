@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numba.core.config as numba_config
 import pytest
+from numba.core.compiler_lock import global_compiler_lock
 
-from ge_torchrl import compilation
+from ge_torchrl import compilation, interrupts
 from ge_torchrl.compilation import cache_directory, compiled, inlined
 
 
@@ -56,6 +57,13 @@ def test_what_is_inlined_computes_the_same_by_the_same_rules():
     assert kernel.targetoptions["nogil"]
 
 
+def test_a_kernel_is_compiled_unbroken():
+    before = interrupts._Unbroken.depth
+    with global_compiler_lock:
+        assert interrupts._Unbroken.depth == before + 1
+    assert interrupts._Unbroken.depth == before
+
+
 def test_decorating_leaves_numba_settings_as_they_were():
     before = numba_config.CACHE_DIR
     compiled(divide)
@@ -77,7 +85,6 @@ def test_an_edit_of_any_module_changes_the_cache(package):
 def test_what_another_processor_compiled_is_not_compiled_before(package, monkeypatch):
     _, directory = package
     kernels = directory()
-    kernels.mkdir(parents=True)
     (kernels / "kernel.nbi").touch()
     assert not compilation.is_compiled_before("sums"), "these may be the kernels of another kind of run"
     compilation.note_compiled("sums")
@@ -104,6 +111,13 @@ def test_cache_lies_beside_the_sources_where_they_can_be_written(package):
 def test_cache_lies_in_the_users_folder_where_sources_are_read_only(package, tmp_path, monkeypatch):
     _, directory = package
     monkeypatch.setattr("os.access", lambda *_: False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    assert directory().parent == tmp_path / "user" / "ge_torchrl"
+
+
+def test_cache_lies_in_the_users_folder_where_others_write_beside_the_sources(package, tmp_path, monkeypatch):
+    _, directory = package
+    directory().chmod(0o777)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
     assert directory().parent == tmp_path / "user" / "ge_torchrl"
 

@@ -43,6 +43,11 @@ threading.Thread(target=tell_when_stuck, daemon=True).start()
 with last_words(lambda: never_return()):
     never_return()
 """
+HANGS = """
+hung = "env.id=Cart-v0 must return"
+threading.Timer(0.1, interrupts.interrupt, [threading.main_thread().ident, hung]).start()
+print("ready", flush=True)
+"""
 HEARS = """
 import signal
 
@@ -112,6 +117,21 @@ def test_code_that_does_not_return_ends_with_what_was_saved(script, saved, numbe
     assert ended(program) == (130, "", told)
 
 
+@pytest.mark.parametrize(
+    ("waits", "saved"),
+    [
+        (
+            'with last_words(lambda: "the best tree is in a folder"):\n    never_return()',
+            "; the best tree is in a folder",
+        ),
+        ("try:\n    time.sleep(60)\nexcept KeyboardInterrupt:\n    interrupts.end_hung(hung)", ""),
+    ],
+)
+def test_a_program_that_interrupts_itself_tells_why(waits, saved):
+    status, _, errors = ended(started(BEGIN + HANGS + waits))
+    assert (status, errors) == (2, f"ge-torchrl: env.id=Cart-v0 must return{saved}\n")
+
+
 def test_who_hears_of_ctrl_c_goes_on_however_often_it_comes():
     program = started(BEGIN + HEARS)
     for press in range(40):
@@ -135,6 +155,86 @@ def test_what_a_scheduler_or_a_terminal_sends_is_heard_as_ctrl_c(number):
     program = started(BEGIN + WAITS)
     program.send_signal(number)
     assert ended(program) == (0, "interrupted\n", "")
+
+
+CLEANS_UP = """
+class Slow:
+    def __del__(self):
+        print("ready", flush=True)
+        time.sleep(60)
+
+class HalfMade:
+    def __del__(self):
+        raise AttributeError("it has no handle yet")
+
+try:
+    slow = Slow()
+    del slow
+    time.sleep(60)
+except KeyboardInterrupt:
+    half_made = HalfMade()
+    del half_made
+    print("interrupted", flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_comes_while_a_compiler_cleans_up_is_heard_and_shows_no_traceback(number):
+    program = started(BEGIN + CLEANS_UP)
+    program.send_signal(number)
+    assert ended(program) == (0, "interrupted\n", "")
+
+
+COMPILES = """
+def compiled():
+    interrupts.begin_unbroken()
+    try:
+        print("ready", flush=True)
+        until = time.monotonic() + 1
+        while time.monotonic() < until:
+            time.sleep(0.01)
+    except BaseException:
+        print("broken off", flush=True)
+    print("compiled", flush=True)
+    interrupts.end_unbroken()
+"""
+FIRST = "compiled()"
+LATER = """
+try:
+    with last_words(lambda: "the best tree is in a folder"):
+        compiled()
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("when", "expected"),
+    [
+        (FIRST, (130, "", "ge-torchrl: interrupted before there was a result\n")),
+        (LATER, (0, "compiled\ninterrupted\n", "")),
+    ],
+)
+def test_what_comes_while_kernels_are_compiled_breaks_no_compiler_off(when, expected, number):
+    program = started(BEGIN + COMPILES + when)
+    program.send_signal(number)
+    assert ended(program) == expected
+
+
+def test_what_else_cannot_be_raised_is_shown():
+    loud = """
+class Loud:
+    def __del__(self):
+        raise ValueError("shown")
+
+Loud()
+"""
+    program = started(BEGIN + loud + WAITS)
+    program.send_signal(signal.SIGINT)
+    status, output, errors = ended(program)
+    assert (status, output) == (0, "interrupted\n")
+    assert "ValueError: shown" in errors
 
 
 def test_who_was_told_to_hear_no_hangup_hears_none():

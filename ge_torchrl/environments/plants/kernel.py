@@ -32,7 +32,7 @@ from ge_torchrl.environments.kernels.lanes import Starts, uniform_states
 from ge_torchrl.environments.plants.plant import Function, Plant, read_plant
 from ge_torchrl.environments.plants.source import kernel_source, start_width
 from ge_torchrl.errors import EnvironmentFaultError
-from ge_torchrl.kernel_cache import tell_once
+from ge_torchrl.kernel_cache import reason_against, tell_not_kept
 
 _Types = tuple[Any, ...]
 # They carry no type information of their own.
@@ -114,7 +114,6 @@ def _written(folder: Path, name: str, text: str) -> Path:
     path = folder / f"{name}.py"
     if not path.is_file() or path.read_bytes() != text.encode():
         # Another process may do the same: the file is there whole or not at all.
-        folder.mkdir(parents=True, exist_ok=True)
         temporary = folder / f".{name}.{os.getpid()}"
         temporary.write_bytes(text.encode())
         temporary.replace(path)
@@ -124,12 +123,14 @@ def _written(folder: Path, name: str, text: str) -> Path:
 def _loaded(folder: Path, plant: Plant, bound: dict[str, Any]) -> ModuleType:
     """Return the module of a plant's kernel; it lies in a file, which is what numba caches by."""
     name, text = f"kernel_of_plant_{plant.digest}", kernel_source(plant)
-    try:
-        path = _written(folder, name, text)
-    except OSError as error:
-        tell_once(
-            f"Compiled kernels cannot be kept in {folder} ({error.strerror}); they are compiled at each start."
-        )
+    reason = reason_against(folder)
+    if reason is None:
+        try:
+            path = _written(folder, name, text)
+        except OSError as error:
+            reason = error.strerror
+    if reason is not None:
+        tell_not_kept(folder, reason)
         elsewhere = tempfile.mkdtemp()
         atexit.register(shutil.rmtree, elsewhere, ignore_errors=True)
         path = _written(Path(elsewhere), name, text)
