@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 from ge_torchrl.checks import MOST_EPISODES, UNSET
 from ge_torchrl.config import keys
 from ge_torchrl.config.archive import ArchiveConfig
+from ge_torchrl.config.environment import EnvironmentConfig
 from ge_torchrl.config.refinement import PolishConfig, RefinerConfig
-from ge_torchrl.config.sections import EnvironmentConfig, EvaluationConfig, GEConfig, GrammarConfig
+from ge_torchrl.config.sections import EvaluationConfig, GEConfig, GrammarConfig
 from ge_torchrl.config.setting import Section, default_of, follows_speed, holds_mapping, nested, setting
 from ge_torchrl.config.starts import StartsConfig
 from ge_torchrl.errors import ConfigError

@@ -5,6 +5,7 @@ Every way to step Gymnasium goes through here, so a fault reads the same everywh
 
 from __future__ import annotations
 
+import logging
 import math
 from typing import Any, TypeAlias
 
@@ -12,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from ge_torchrl.environments.hangs import watch
 from ge_torchrl.environments.lean import lean
 from ge_torchrl.environments.making import FAULTS
 from ge_torchrl.environments.plants.plant import names_plant
@@ -19,8 +21,10 @@ from ge_torchrl.environments.spec import EnvironmentSpec, make_gymnasium
 from ge_torchrl.environments.suitable import one_line
 from ge_torchrl.environments.witness import Witness
 from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.interrupts import interrupt_heard
 from ge_torchrl.printing import said_of
 
+_logger = logging.getLogger(__name__)
 _FLOAT32 = np.dtype(np.float32)
 _LARGEST = float(np.finfo(np.float32).max)
 # Floats, integers, unsigned ones, Booleans.
@@ -62,12 +66,22 @@ class Border:
         array: [D] float32, the last observation; may be the environment's own array, so it is to be copied.
         step_number: Steps since the reset.
         action_bounds: [A] what the entries of a continuous action are cut to.
+        step_seconds: How long a call of the environment may take [s].
+        is_hung: Whether one took longer, so that it was interrupted.
     """
 
     def __init__(self, spec: EnvironmentSpec, witness: Witness, render_mode: str | None = None) -> None:
         self._spec = spec
+        self.step_seconds, self.is_hung = spec.step_seconds, False
+        self._seed = 0
+        self._action: Any = None
+        self.step_number = 0
         self.watched_by(witness)
-        self._environment: Any = make_gymnasium(spec, render_mode=render_mode)
+        watch(Border.__init__, Border.reset, Border.step, Border.close)
+        try:
+            self._environment: Any = make_gymnasium(spec, render_mode=render_mode)
+        except KeyboardInterrupt as pressed:
+            raise self._fault_or(pressed) from None
         self._lean_step, self._lean_reset, self._limit = lean(self._environment, spec.max_episode_steps)
         self._first_action = spec.first_action
         self._is_continuous = spec.is_continuous
@@ -76,9 +90,6 @@ class Border:
         self.action_bounds: list[tuple[float, float]] = list(zip(low.tolist(), high.tolist(), strict=True))
         self._action_type = self._environment.action_space.dtype
         self._shape = (spec.n_features,)
-        self._seed = 0
-        self._action: Any = None
-        self.step_number = 0
         self.array = np.zeros(self._shape, np.float32)
 
     def watched_by(self, witness: Witness) -> None:
@@ -97,6 +108,8 @@ class Border:
         except FAULTS as error:
             form = " (an observation and a dict are expected of reset)" if _is_of_form(error) else ""
             raise self._fault(f"raised {said_of(error)} in reset{form}") from error
+        except KeyboardInterrupt as pressed:
+            raise self._fault_or(pressed) from None
         if not isinstance(info, dict) and getattr(observation, "shape", None) != self._shape:
             # An observation of two entries alone looks like a pair.
             raise self._fault(
@@ -124,6 +137,8 @@ class Border:
         except FAULTS as error:
             form = f" ({_STEP_FORM} are expected of step)" if _is_of_form(error) else ""
             raise self._fault(f"raised {said_of(error)}{form}") from error
+        except KeyboardInterrupt as pressed:
+            raise self._fault_or(pressed) from None
         number = reward if type(reward) is float else self._number(reward)
         if number - number != 0.0:
             raise self._fault(f"returned a reward that is not a finite number, {number}")
@@ -171,7 +186,13 @@ class Border:
         """Close the environment, and let go of it: a simulator may be large, and who holds a border may live long."""
         environment, self._environment = self._environment, None
         if environment is not None:
-            environment.close()
+            try:
+                environment.close()
+            except KeyboardInterrupt as pressed:
+                if not self.is_hung:
+                    raise
+                # What ends it was told before.
+                _logger.warning("%s", self._fault_or(pressed))
             del self._lean_step, self._lean_reset
 
     def _array_of(self, action: list[float]) -> NDArray[Any]:
@@ -222,12 +243,30 @@ class Border:
                 f"must return whether the episode is over, as true or false; got {_short(value)}"
             ) from error
 
+    def told_of_hang(self) -> str:
+        """Return in one line which call has not come back; see `hangs`."""
+        return self._told_of(
+            f"must return from every call within {self.step_seconds:g} s, as env.step_seconds sets it; one has not"
+        )
+
+    def _fault_or(self, pressed: KeyboardInterrupt) -> BaseException:
+        """Return the fault of a call that took too long; where none did, somebody pressed Ctrl-C."""
+        return self._fault("") if self.is_hung else pressed
+
     def _fault(self, what: str) -> EnvironmentFaultError:
+        """Return a fault with its place; whatever an environment makes of its interrupt, the hang is what is told."""
+        if not self.is_hung:
+            return EnvironmentFaultError(self._told_of(what))
+        interrupt_heard()
+        told, self.is_hung = self.told_of_hang(), False
+        return EnvironmentFaultError(told)
+
+    def _told_of(self, what: str) -> str:
         where = f"episode seed {self._seed}, step {self.step_number}"
         if self._action is not None:
             where += f", action {self._told(self._action)}"
         key = "env.dynamics" if names_plant(self._spec.id) else "env.id"
-        return EnvironmentFaultError(f"{key}={self._spec.id} {what}; {where}")
+        return f"{key}={self._spec.id} {what}; {where}"
 
     def _told(self, action: Any) -> str:
         names = self._spec.names.actions

@@ -22,7 +22,8 @@ from ge_torchrl.environments.backend import (
 )
 from ge_torchrl.environments.border import random_action
 from ge_torchrl.environments.gymnasium_runner import Jobs, LedgerWatch, Played, Runner, Watch
-from ge_torchrl.environments.gymnasium_workers import Workers, portable
+from ge_torchrl.environments.gymnasium_workers import Workers
+from ge_torchrl.environments.sending import portable
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.environments.witness import Witness
 from ge_torchrl.errors import EnvironmentFaultError

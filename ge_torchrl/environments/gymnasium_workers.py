@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import importlib
 import math
 import multiprocessing
 import os
-import pickle
 import signal
 import threading
 import time
@@ -17,17 +15,12 @@ from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing.context import SpawnContext
-from typing import Any, TypeVar, cast
-
-import gymnasium as gym
+from typing import Any, TypeVar
 
 from ge_torchrl.environments.gymnasium_runner import Runner, Watch
-from ge_torchrl.environments.making import FAULTS
-from ge_torchrl.environments.plants.plant import names_plant
-from ge_torchrl.environments.registry import registered_id
+from ge_torchrl.environments.sending import portable, unpack
 from ge_torchrl.environments.spec import EnvironmentSpec
-from ge_torchrl.environments.worker_faults import worker_died
-from ge_torchrl.errors import EnvironmentFaultError
+from ge_torchrl.environments.worker_faults import Silence, Words, worker_died
 from ge_torchrl.interrupts import INTERRUPTS, held_back
 
 _Result = TypeVar("_Result")
@@ -38,49 +31,6 @@ _LOOK_SECONDS = 0.1
 _WAIT_SECONDS = 0.01
 # After a stop a worker ends with its step; one that takes longer than this is left to itself [s].
 _STOP_SECONDS = 10.0
-
-
-def portable(spec: EnvironmentSpec) -> bytes:
-    """Return what a new process needs to make the environment, itself registered by the calling program perhaps.
-
-    Raises:
-        EnvironmentFaultError: The environment cannot be sent to another process.
-    """
-    try:
-        return pickle.dumps((spec, gym.registry.get(registered_id(spec.id))))
-    except Exception as error:
-        raise EnvironmentFaultError(
-            f"env.id={spec.id} cannot be sent to worker processes ({' '.join(str(error).split())}); register it with "
-            f'an entry point "module:Class", or set env.workers=1'
-        ) from error
-
-
-def unpack(sent: bytes) -> EnvironmentSpec:
-    """Return the description that `portable` packed, and register the environment in this process.
-
-    Raises:
-        EnvironmentFaultError: This process cannot import what the environment is made of.
-    """
-    try:
-        spec, registered = pickle.loads(sent)  # noqa: S301 (packed by the process that started this one)
-        # Modules that register the environment themselves come first: Gymnasium warns of a second registration.
-        for module in _modules_of(spec, registered):
-            importlib.import_module(module)
-    except FAULTS as error:
-        raise EnvironmentFaultError(
-            f"a worker process cannot import the environment ({error!r}); put it into a module, or set env.workers=1"
-        ) from error
-    if registered is not None:
-        gym.registry.setdefault(registered.id, registered)
-    return cast("EnvironmentSpec", spec)
-
-
-def _modules_of(spec: EnvironmentSpec, registered: Any) -> list[str]:
-    """Return the modules that the id and the entry point name in front of a colon, each once."""
-    entry_point = getattr(registered, "entry_point", None)
-    # A plant's file is no module; whoever makes the environment finds it.
-    named = ["" if names_plant(spec.id) else spec.id, entry_point if isinstance(entry_point, str) else ""]
-    return list(dict.fromkeys(module for text in named if (module := text.rpartition(":")[0])))
 
 
 def spawning() -> SpawnContext:
@@ -110,7 +60,7 @@ class Workers:
     def __init__(self, spec: EnvironmentSpec, n_workers: int) -> None:
         self.n_workers = n_workers
         self.is_usable = True
-        self._id = spec.id
+        self._id, self._step_seconds = spec.id, spec.step_seconds
         context = spawning()
         self._board = _Board(
             context.RawArray("q", n_workers),
@@ -118,6 +68,7 @@ class Workers:
             context.RawValue("b", 0),
             context.RawValue("d", math.inf),
             context.Value("i", 0),
+            Words.empty(context, n_workers),
         )
         self._counted = 0
         self._pool = ProcessPoolExecutor(
@@ -143,16 +94,18 @@ class Workers:
         try:
             with held_back():
                 futures = [self._pool.submit(_work, task, each) for each in arguments]
-            waiting = set(futures)
+            waiting, silence = set(futures), Silence(self._board.words, self._id, self._step_seconds)
             while waiting:
+                looked = time.perf_counter()
                 done, waiting = wait(waiting, timeout=_LOOK_SECONDS, return_when=FIRST_EXCEPTION)
                 for future in done:
                     future.result()
                 watch.look(self._new_steps())
+                silence.check(time.perf_counter() - looked)
             return [future.result() for future in futures]
         except BrokenProcessPool as error:
             self.is_usable = False
-            raise worker_died(self._id) from error
+            raise worker_died(self._id, self._board.words) from error
         except BaseException:
             # If Ctrl-C ends the wait, or comes before it, nobody knows who still plays.
             self.is_usable = False
@@ -193,6 +146,7 @@ class _Board:
         stop: Not 0 where work is to end.
         most_steps: Steps that all workers may make together.
         started: How many workers have taken a place.
+        words: What is known of hangs.
     """
 
     steps: Any
@@ -200,6 +154,7 @@ class _Board:
     stop: Any
     most_steps: Any
     started: Any
+    words: Words
 
 
 class _StoppedError(Exception):
@@ -218,6 +173,7 @@ class _BoardWatch:
             self._place = board.started.value
             board.started.value += 1
         board.processes[self._place] = os.getpid()
+        board.words.kept(self._place)
         self.due, self.allowance = 0.0, 1.0
 
     def look(self, n_steps: int) -> None:

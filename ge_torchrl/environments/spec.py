@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ge_torchrl.config import EnvironmentConfig
+from ge_torchrl.environments.hangs import LONGEST_STEP_SECONDS
 from ge_torchrl.environments.making import GymEnvironment, make
 from ge_torchrl.environments.naming import action_names, feature_names
 from ge_torchrl.environments.plants.plant import names_plant, read_plant
@@ -43,6 +44,7 @@ class EnvironmentSpec:
         first_action: The number of the first action (`Discrete(n, start=first_action)`), nearly always 0. Trees count
             from 0 everywhere; the environment is given its own number at the border.
         solved_at: Mean return from which the task counts as solved; None where there is no such agreement.
+        step_seconds: How long a step or a reset may take, before it is taken to hang [s].
     """
 
     id: str
@@ -53,6 +55,7 @@ class EnvironmentSpec:
     has_limit: bool
     first_action: int
     solved_at: float | None
+    step_seconds: float = LONGEST_STEP_SECONDS
 
     @property
     def n_features(self) -> int:
@@ -165,7 +168,7 @@ def describe_settings(env: EnvironmentConfig) -> EnvironmentSpec:
     """Describe the environment that the settings of a run name; see `describe`."""
     if env.dynamics is not None:
         read_plant(env.dynamics)
-    return describe(
+    described = describe(
         env.id,
         env.features,
         env.units,
@@ -175,6 +178,7 @@ def describe_settings(env: EnvironmentConfig) -> EnvironmentSpec:
         env.kwargs,
         env.wrappers,
     )
+    return replace(described, step_seconds=env.step_seconds)
 
 
 def symmetry_of(env: EnvironmentConfig) -> Mapping[str, Any]:

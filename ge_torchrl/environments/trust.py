@@ -1,7 +1,8 @@
 """Whose code an environment is: a tree or a run of somebody else's may name a module, which runs when it is imported.
 
-Gymnasium's own environments and wrappers, and those of this package, run for everybody, and what is loaded already runs
-no more. Other modules, and plants, run where the user says so, or has run them before from the same place: runs
+Gymnasium's own environments, and those of its wrappers that only change what is observed, done or paid, run for
+everybody; so does what this package has, and what is loaded already runs no more. Wrappers that write files or open
+windows, other modules, and plants, run where the user says so, or has run them before from the same place: runs
 remember them in a file of the user's.
 """
 
@@ -21,6 +22,18 @@ from ge_torchrl.environments.plants.plant import names_plant
 from ge_torchrl.errors import ArtefactError, EnvironmentFaultError
 
 _OURS = ("gymnasium", "ge_torchrl")
+_GYMNASIUM = "gymnasium.wrappers"
+# Of Gymnasium's wrappers; what a later version adds is not known yet.
+_HARMLESS = frozenset(
+    {
+        "AddWhiteNoise", "AtariPreprocessing", "Autoreset", "ClipAction", "ClipReward", "DelayObservation",
+        "DiscretizeAction", "DiscretizeObservation", "DtypeObservation", "FilterObservation", "FlattenObservation",
+        "FrameStackObservation", "GrayscaleObservation", "MaxAndSkipObservation", "NormalizeObservation",
+        "NormalizeReward", "ObstructView", "OrderEnforcing", "PassiveEnvChecker", "RecordEpisodeStatistics",
+        "RepeatAction", "RescaleAction", "RescaleObservation", "ReshapeObservation", "ResizeObservation",
+        "StickyAction", "TimeAwareObservation", "TimeLimit",
+    }
+)  # fmt: skip
 _vouched: ContextVar[bool] = ContextVar("vouched", default=False)
 
 
@@ -45,10 +58,13 @@ def check_trusted(environment_id: str, wrappers: Sequence[str], source: Path | s
     Raises:
         ArtefactError: The user has not run it before.
     """
-    if _vouched.get() or _is_loaded(environment_id, wrappers):
+    if _vouched.get():
         return
     known = _remembered()
-    unknown = [name for name, place in _foreign(environment_id, wrappers) if f"{name}\t{place}" not in known]
+    foreign = [*_gymnasiums(wrappers)]
+    if not _is_loaded(environment_id, wrappers):
+        foreign += _foreign(environment_id, wrappers)
+    unknown = [name for name, place in foreign if f"{name}\t{place}" not in known]
     if unknown:
         raise ArtefactError(
             f"{source} names code that would run here, {' and '.join(dict.fromkeys(unknown))}, and no run of yours has "
@@ -58,7 +74,8 @@ def check_trusted(environment_id: str, wrappers: Sequence[str], source: Path | s
 
 def remember(environment_id: str, wrappers: Sequence[str]) -> None:
     """Remember what code a user runs, for `check_trusted`; where nothing can be written, nothing is remembered."""
-    new = {f"{name}\t{place}" for name, place in _foreign(environment_id, wrappers)}
+    run = (*_gymnasiums(wrappers), *_foreign(environment_id, wrappers))
+    new = {f"{name}\t{place}" for name, place in run}
     if new := {line for line in new if "\n" not in line} - _remembered():
         with contextlib.suppress(OSError):
             _file().parent.mkdir(parents=True, exist_ok=True)
@@ -78,6 +95,17 @@ def _foreign(environment_id: str, wrappers: Sequence[str]) -> Iterator[tuple[str
             # Finding a submodule would import its package, so the package is what is known.
             spec = importlib.machinery.PathFinder.find_spec(package)
             yield package, str(Path(spec.origin).resolve()) if spec and spec.origin else "nowhere"
+
+
+def _gymnasiums(wrappers: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the wrappers of Gymnasium's that may do more than change numbers, each with its arguments."""
+    for wrapper in wrappers:
+        name, _, arguments = wrapper.partition(" ")
+        module, _, kind = name.partition(":")
+        is_harmless = module == _GYMNASIUM and kind in _HARMLESS
+        if module.partition(".")[0] == "gymnasium" and not is_harmless:
+            # Where it writes stands in them.
+            yield name, " ".join(arguments.split())
 
 
 def _modules(environment_id: str, wrappers: Sequence[str]) -> Iterator[str]:

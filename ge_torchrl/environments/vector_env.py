@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 
 from ge_torchrl.environments.backend import available_cores
 from ge_torchrl.environments.border import Border, random_action
-from ge_torchrl.environments.gymnasium_workers import portable, spawning, unpack
+from ge_torchrl.environments.gymnasium_workers import spawning
+from ge_torchrl.environments.sending import portable, unpack
 from ge_torchrl.environments.shared_arrays import Arrays, Memory
 from ge_torchrl.environments.spec import EnvironmentSpec
 from ge_torchrl.environments.witness import Witness
-from ge_torchrl.environments.worker_faults import worker_died
+from ge_torchrl.environments.worker_faults import Silence, Words, worker_died
 from ge_torchrl.errors import EnvironmentFaultError
 from ge_torchrl.seeding import episode_seeds
 
@@ -191,6 +192,7 @@ class _Line(NamedTuple):
         begun: Released with an order.
         ended: Released when it is done.
         pipe: For faults alone; the end of this process.
+        words: What is known of hangs.
     """
 
     order: Any
@@ -198,6 +200,7 @@ class _Line(NamedTuple):
     begun: Any
     ended: Any
     pipe: Connection
+    words: Words
 
 
 class _Other:
@@ -205,7 +208,7 @@ class _Other:
 
     def __init__(self, spec: EnvironmentSpec, memory: Memory, first: int, end: int) -> None:
         context = spawning()
-        self._id = spec.id
+        self._id, self._step_seconds = spec.id, spec.step_seconds
         ours, theirs = context.Pipe(duplex=False)
         self._line = _Line(
             context.RawValue(ctypes.c_char, _STEP),
@@ -213,6 +216,7 @@ class _Other:
             context.Semaphore(0),
             context.Semaphore(0),
             ours,
+            Words.empty(context, 1),
         )
         arguments = (portable(spec), memory, first, end, self._line._replace(pipe=theirs))
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
@@ -224,9 +228,14 @@ class _Other:
         self._line.begun.release()
 
     def end(self) -> Exception | None:
+        silence = Silence(self._line.words, self._id, self._step_seconds)
         while not self._line.ended.acquire(timeout=_WATCH_SECONDS):
             if not self._process.is_alive():
-                return worker_died(self._id)
+                return worker_died(self._id, self._line.words)
+            try:
+                silence.check(_WATCH_SECONDS)
+            except EnvironmentFaultError as hang:
+                return hang
         fault: Exception | None = self._line.pipe.recv() if self._line.is_fault.value else None
         return fault
 
@@ -234,7 +243,7 @@ class _Other:
         self.begin(_CLOSE)
         self._process.join(timeout=5)
         if self._process.is_alive():
-            self._process.terminate()
+            self._process.kill()
             self._process.join()
         self._line.pipe.close()
 
@@ -242,6 +251,7 @@ class _Other:
 def _serve(sent: bytes, memory: Memory, first: int, end: int, line: _Line) -> None:
     # Ctrl-C is for the calling process; where that is gone, this one ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    line.words.kept(0)
     parent = multiprocessing.parent_process()
     copies: _Copies | None = None
     while True:

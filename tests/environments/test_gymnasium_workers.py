@@ -178,13 +178,13 @@ def test_a_module_that_registers_its_environment_does_so_once_in_a_worker(tmp_pa
     (tmp_path / "registering.py").write_text(REGISTERING)
     program = (
         "import sys, gymnasium\n"
-        "from ge_torchrl.environments.gymnasium_workers import unpack\n"
+        "from ge_torchrl.environments.sending import unpack\n"
         "from ge_torchrl.environments.spec import make_gymnasium\n"
         "make_gymnasium(unpack(sys.stdin.buffer.read()))\n"
     )
     packing = (
         "import sys, registering\n"
-        "from ge_torchrl.environments.gymnasium_workers import portable\n"
+        "from ge_torchrl.environments.sending import portable\n"
         "from ge_torchrl.environments.spec import describe\n"
         f"sys.stdout.buffer.write(portable(describe({environment_id!r})))\n"
     )

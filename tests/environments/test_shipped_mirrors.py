@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ge_torchrl.config.sections import EnvironmentConfig
+from ge_torchrl.config import EnvironmentConfig
 from ge_torchrl.environments.mirroring import check_mirror
 from ge_torchrl.environments.spec import describe_settings
 from ge_torchrl.refiners.mirror import Mirror

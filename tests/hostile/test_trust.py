@@ -9,7 +9,7 @@ from hostile_trees import sound_document
 
 from ge_torchrl.__main__ import main
 from ge_torchrl.config.composing import compose
-from ge_torchrl.environments.trust import check_trusted, trusting
+from ge_torchrl.environments.trust import check_trusted, remember, trusting
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.report.reading import read_tree
 from ge_torchrl.run.plan import plan
@@ -117,7 +117,36 @@ def test_the_same_name_in_another_place_is_other_code(tmp_path, monkeypatch):
         ("CartPole-v1", ()),
         ("gymnasium.envs.classic_control:CartPole-v1", ["gymnasium.wrappers:ClipReward {min_reward: 0}"]),
         ("CartPole-v1", ["ge_torchrl.environments.wrappers:OneChoice"]),
+        (
+            "CartPole-v1",
+            ["gymnasium.wrappers:FlattenObservation", "gymnasium.wrappers:TimeLimit {max_episode_steps: 9}"],
+        ),
     ],
 )
 def test_gymnasium_and_this_package_need_no_word(environment_id, wrappers):
     check_trusted(environment_id, wrappers, "a tree")
+
+
+@pytest.mark.parametrize(
+    "wrapper",
+    [
+        "gymnasium.wrappers:RecordVideo {video_folder: videos}",
+        "gymnasium.wrappers.rendering:RecordVideo {video_folder: videos}",
+        "gymnasium.wrappers:HumanRendering",
+        "gymnasium.wrappers:OfALaterVersion",
+        "gymnasium.utils.play:Player",
+    ],
+)
+def test_wrappers_of_gymnasiums_that_write_or_open_something_need_a_word(wrapper, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    with pytest.raises(
+        ArtefactError, match=rf"names code that would run here, {wrapper.partition(' ')[0]}, .*--trust"
+    ):
+        check_trusted("CartPole-v1", ["gymnasium.wrappers:ClipAction", wrapper], "a tree")
+    with trusting():
+        check_trusted("CartPole-v1", [wrapper], "a tree")
+    remember("CartPole-v1", [wrapper])
+    check_trusted("CartPole-v1", [wrapper], "a tree")
+    if " " in wrapper:
+        with pytest.raises(ArtefactError):
+            check_trusted("CartPole-v1", [wrapper.replace("videos", "/etc")], "a tree")
