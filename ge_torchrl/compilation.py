@@ -29,6 +29,7 @@ _FLOORS_WITH_KERNELS = ("trees", "ge", "environments")
 # Of the files; see `kernel_cache`.
 _FORMAT = 3
 # numba has no type information.
+_events: Any = event
 _Listener: Any = event.Listener
 # The ending of an empty file, named after a kind of run.
 _CALLED = ".called"
@@ -44,7 +45,7 @@ class _Compiling(_Listener):  # type: ignore[misc]
         end_unbroken()
 
 
-event.register("numba:compiler_lock", _Compiling())
+_events.register("numba:compiler_lock", _Compiling())
 
 
 @functools.cache

@@ -66,7 +66,9 @@ def _as_circle(path: Path) -> None:
 
 
 def _halved(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2 - 1])
+    half = path.read_bytes()[: path.stat().st_size // 2 - 1]
+    # Cut within a line, settings mostly say nothing any more.
+    path.write_bytes(half[: half.rindex(b"\n") + 1] if path.suffix == ".yaml" else half)
 
 
 def _huge(path: Path) -> None:

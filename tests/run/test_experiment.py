@@ -47,6 +47,9 @@ class TestFolder:
         assert RunFolder(folder).read_summary() == summary
         written = json.loads((folder / "summary.json").read_text())
         assert written.pop("crc32")
+        # Its page can be made anew.
+        others = {path.relative_to(folder).as_posix() for path in folder.rglob("*.*") if path.is_file()}
+        assert written.pop("sha256").keys() == others - {"summary.json", "report.html"}
         assert written == {**asdict(summary), "warnings": []}
         history = RunFolder(folder).read_history()
         assert [record.generation for record in history] == list(range(15))
