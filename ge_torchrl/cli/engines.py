@@ -121,15 +121,16 @@ def _by_slurm(
         f"{len(tasks)} jobs to {executor.cluster}; what they print is in {folder / _SLURM_LOGS}", flush=True
     )
     # Slurm itself keeps to array_parallelism; on this machine nobody else does.
-    most = len(tasks)
-    if executor.cluster == "local":
+    most, local = len(tasks), executor.cluster == "local"
+    if local:
         most = max(1, min(settings["array_parallelism"], available_cores() // settings["cpus_per_task"]))
     waiting, pending = list(tasks), dict[Any, Task]()
     try:
         while waiting or pending:
             while waiting and len(pending) < most:
                 batch = waiting[: min(most - len(pending), _MOST_IN_ARRAY)]
-                with _refusing("slurm", "python -m ge_torchrl status tells what is done"):
+                quiet = _unheard() if local else contextlib.nullcontext()
+                with _refusing("slurm", "python -m ge_torchrl status tells what is done"), quiet:
                     pending.update(zip(executor.map_array(_Work(), batch), batch, strict=True))
                 del waiting[: len(batch)]
             for job in [job for job in pending if job.done()]:
@@ -181,6 +182,22 @@ def _printing(work: _Work, task: Task, log: Path) -> int:
         contextlib.redirect_stderr(file),
     ):
         return work(task)
+
+
+@contextlib.contextmanager
+def _unheard() -> Iterator[None]:
+    """Let what processes say for themselves that are started meanwhile, as at Ctrl-C, be heard by nobody.
+
+    A job's own output goes to its file in any case.
+    """
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 _ENGINES = {"slurm": _by_slurm, "ray": _by_ray}
