@@ -1,6 +1,7 @@
 """Settings of all tests, and what several of them start from."""
 
 import logging
+import signal
 import sys
 
 import pytest
@@ -9,6 +10,11 @@ from fake_experiment_for_tests import FakeExperiment
 from hypothesis import settings
 
 import ge_torchrl.report
+
+# `nohup make test &` ignores these, in all processes that tests start too; tests are about what they do.
+for _number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
 
 # The first example that meets a kernel waits for its compilation: no example may have a deadline. The same examples
 # every time keep a failure from coming and going. `make test` has four minutes; `make test-all` takes the second
