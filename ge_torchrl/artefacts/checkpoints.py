@@ -121,6 +121,11 @@ def sound_checkpoint(run: Path, names: Names, told: Callable[[str], None]) -> Ch
     raise ArtefactError(f"{run} must hold a checkpoint to go on from; {faults[0] if faults else _NOTHING}")
 
 
+def has_checkpoint(run: Path) -> bool:
+    """Tell whether a run's folder holds a checkpoint, whole or not."""
+    return bool(_files(run / CHECKPOINTS))
+
+
 def config_of_checkpoints(run: Path) -> str | None:
     """Return the text of the configuration that checkpoints of a run were made with; None where none can be read."""
     for path in _files(run / CHECKPOINTS):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from ge_torchrl.artefacts.checkpoints import has_checkpoint
 from ge_torchrl.artefacts.folder import BEST_TREE, HISTORY, REFINEMENTS, SUMMARY, TRACEBACK, RunFolder
 from ge_torchrl.artefacts.jobs import read_job
 from ge_torchrl.artefacts.locks import is_locked
@@ -72,6 +73,11 @@ class UnfinishedRun:
         """How far it is."""
         generations = f"{len(self.history)} of {counted(self.config.ge.generations, 'generation')}"
         return f"{generations} in {self.history[-1].elapsed_seconds:.0f} s"
+
+    @property
+    def can_go_on(self) -> bool:
+        """Whether `resume` takes it: no process is at it, and there is a checkpoint."""
+        return self.state != RUNNING and has_checkpoint(self.path)
 
     @property
     def in_words(self) -> str:
@@ -146,7 +152,7 @@ def unfinished_text(run: UnfinishedRun, form: Form) -> str:
         f"{mark}{run.environment} {run.done}, seed {run.config.seed}{mark}: {run.in_words}",
         f"{run.so_far}; the best tree so far has {nodes}{fitness}",
     ]
-    if run.state != RUNNING:
+    if run.can_go_on:
         lines.append(f"to go on: {RESUME} {shlex.quote(str(run.path))}")
     rows = [
         (str(one.tree.num_decision_nodes), "" if mean is None else f"{mean:.2f}")

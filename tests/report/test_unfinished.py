@@ -94,6 +94,13 @@ def test_a_run_that_was_killed_is_reported_and_can_go_on(killed, capsys):
         assert word not in page.partition("<main")[0]
 
 
+def test_nothing_is_said_of_going_on_where_no_checkpoint_is_left(killed, capsys):
+    shutil.rmtree(killed / "checkpoints")
+    assert main(["report", str(killed)]) == 0
+    assert "to go on" not in capsys.readouterr().out
+    assert "To go on" not in (killed / "report.html").read_text()
+
+
 def test_evaluate_and_export_take_it_as_it_stands(killed, capsys):
     assert evaluate(killed, 20, 0) == evaluate(killed / "best_tree.json", 20, 0)
     (size, *_) = [record.decision_nodes for record in RunFolder(killed).read_archive()]

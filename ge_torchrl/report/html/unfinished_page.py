@@ -90,7 +90,7 @@ def _texts(run: UnfinishedRun) -> dict[str, str]:
         "environment": run.environment,
         "verdict": verdict_markup(kind, word, _told(run)),
         "facts": facts_markup(_facts(run)),
-        "warnings": Markup("") if run.state == RUNNING else going_on_markup(),
+        "warnings": going_on_markup() if run.can_go_on else Markup(""),
         "rule_text": rule_text(run.path),
         "command": command_markup(COMMAND),
         "settings": table(("setting", "value"), [*_settings(run)], caption="What the run was given"),
