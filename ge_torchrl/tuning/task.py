@@ -183,15 +183,16 @@ def check_same(folder: Path, asked: Task, earlier: Task) -> None:
     """
     others = {
         "--seeds": (asked.runs, earlier.runs),
+        # A setting that is typed is not tuned, so these come before what is.
+        "the settings": (asked.config, earlier.config),
         "--space": (
             {one.key: one.allowed for one in asked.space},
             {one.key: one.allowed for one in earlier.space},
         ),
-        "the settings": (asked.config, earlier.config),
     }
     for name, (now, before) in others.items():
         if now != before:
-            typed = " ".join(earlier.words) or "no settings"
+            typed = " ".join((*earlier.words, f"--seeds {earlier.runs}"))
             raise ConfigError(
                 f"{folder} holds trials of another study, which differs in {name}, so expected what was typed for it "
                 f"({typed}), or another folder; type --out NEW_FOLDER"

@@ -163,8 +163,10 @@ class TestTask:
         ):
             with pytest.raises(ConfigError, match=f"differs in {name}"):
                 check_same(tmp_path, other, TASK)
-        with pytest.raises(ConfigError, match=r"differs in the settings.*env=cartpole ge\.generations=3"):
+        with pytest.raises(ConfigError, match=r"differs in the settings.*ge\.generations=3.* --seeds \d+\)"):
             check_same(tmp_path, small_task(seed=4), TASK)
+        with pytest.raises(ConfigError, match="differs in the settings"):
+            check_same(tmp_path, small_task(texts=("ge.parsimony",), seed=4), TASK)
 
 
 class TestRuns:
