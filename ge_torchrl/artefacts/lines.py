@@ -149,8 +149,11 @@ def checked_values(text: str, source: str) -> dict[str, Any]:
         raise ArtefactError(f"{source} must be a JSON object")
     checksum = values.pop(CHECKSUM, None)
     if checksum != _checksum(values) and (checksum is not None or SUMS in values):
+        yours = (
+            f"; where the change is yours, remove its keys {SUMS} and {CHECKSUM}" if SUMS in values else ""
+        )
         raise ArtefactError(
-            f"{source} is damaged: its {CHECKSUM} is {checksum!r}, but its other keys make {_checksum(values)!r}"
+            f"{source} is damaged: its {CHECKSUM} is {checksum!r}, but its other keys make {_checksum(values)!r}{yours}"
         )
     return values
 

@@ -15,7 +15,7 @@ from sweeps_for_tests import FULL, PRUNED, chain, config, controller
 
 from ge_torchrl.artefacts import texts
 from ge_torchrl.artefacts.folder import RunFolder, find_runs
-from ge_torchrl.artefacts.lines import RecordWriter, read_records, to_json
+from ge_torchrl.artefacts.lines import RecordWriter, checked_values, read_records, to_json
 from ge_torchrl.artefacts.records import ArchiveRecord, GenerationRecord, RefinementRecord
 from ge_torchrl.artefacts.texts import write_whole
 from ge_torchrl.errors import ArtefactError, ConfigError, InvalidTreeError
@@ -242,3 +242,11 @@ def test_a_grammar_is_written_as_a_block_of_lines(tmp_path):
     bnf = "<dt> ::= <if>\n<if> ::= if lt(x, [0, 1] step 1) then left else right\n"
     RunFolder(tmp_path).write_config(config_with("grammar", "bnf", bnf))
     assert "  bnf: |\n    <dt> ::= <if>\n    <if> ::= if lt(" in (tmp_path / "config.yaml").read_text()
+
+
+def test_a_summary_that_was_changed_says_what_to_remove():
+    changed = '{"test_mean": 500.0, "sha256": {}, "crc32": "00000000"}'
+    with pytest.raises(
+        ArtefactError, match=r"is damaged.*; where the change is yours, remove its keys sha256 and crc32"
+    ):
+        checked_values(changed, "run/summary.json")
