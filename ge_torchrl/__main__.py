@@ -215,8 +215,9 @@ def _engine_of(values: DictConfig, number: int) -> Engine | None:
 
 
 def _by_engine(engine: Engine, jobs: Sequence[Job]) -> int:
-    from ge_torchrl.cli.engines import Task, run_by_engine
+    from ge_torchrl.cli.engines import Task, check_engine, run_by_engine
 
+    check_engine(engine.settings["engine"])
     begin(engine.sweep)
     tasks = [Task(job.config, engine.sweep / job.engine.run, job.words) for job in jobs if job.engine]
     with page_of_sweep():

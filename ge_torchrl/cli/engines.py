@@ -48,6 +48,15 @@ Outcome = int | str
 """The exit status of a job, or what became of its process."""
 
 
+def check_engine(engine: str) -> None:
+    """Refuse an engine that is not installed, before anything is written.
+
+    Raises:
+        ConfigError: Its package is missing; the message says what to install.
+    """
+    _package({"slurm": "submitit"}.get(engine, engine), engine)
+
+
 def run_by_engine(settings: Mapping[str, Any], tasks: Sequence[Task], folder: Path) -> int:
     """Let an engine do the jobs of a sweep that are not done, tell what becomes of each, and return the exit status.
 

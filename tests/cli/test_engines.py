@@ -115,9 +115,13 @@ def test_a_sweep_by_ray(cluster, place, capfd):
 
 @pytest.mark.usefixtures("experiment")
 @pytest.mark.parametrize(("engine", "package"), [("slurm", "submitit"), ("ray", "ray")])
-def test_an_engine_that_is_not_installed_is_told_with_what_to_install(engine, package, monkeypatch, capsys):
+def test_an_engine_that_is_not_installed_is_told_with_what_to_install(
+    engine, package, monkeypatch, capsys, tmp_path
+):
     monkeypatch.setitem(sys.modules, package, None)
-    assert main(["-m", f"hydra/launcher={engine}", "seed=1,2"]) == 2
+    sweep = tmp_path / "sweep"
+    assert main(["-m", f"hydra/launcher={engine}", "seed=1,2", f"hydra.sweep.dir={sweep}"]) == 2
+    assert not sweep.exists()
     expected = f'needs {package}; expected it installed: pip install -c constraints.txt -e ".[{engine}]"\n'
     assert capsys.readouterr().err == f"ge-torchrl: hydra/launcher={engine} {expected}"
 
