@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.environments.hangs import watch
+from ge_torchrl.environments.hangs import unwatch, watch
 from ge_torchrl.environments.lean import lean
 from ge_torchrl.environments.making import FAULTS
 from ge_torchrl.environments.plants.plant import names_plant
@@ -77,7 +77,7 @@ class Border:
         self._action: Any = None
         self.step_number = 0
         self.watched_by(witness)
-        watch(Border.__init__, Border.reset, Border.step, Border.close)
+        watch(self, Border.__init__, Border.reset, Border.step, Border.close)
         try:
             self._environment: Any = make_gymnasium(spec, render_mode=render_mode)
         except KeyboardInterrupt as pressed:
@@ -194,6 +194,7 @@ class Border:
                 # What ends it was told before.
                 _logger.warning("%s", self._fault_or(pressed))
             del self._lean_step, self._lean_reset
+        unwatch(self)
 
     def _array_of(self, action: list[float]) -> NDArray[Any]:
         # The bounds are float32: to round first would give the same. Environments keep and change what they are given,

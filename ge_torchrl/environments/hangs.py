@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import CodeType, FrameType
@@ -45,24 +45,31 @@ class _Watch:
 
     Attributes:
         methods: Code of methods of a `Stepped`.
-        thread: It looks.
-        beat: Is called at each look.
+        stepped: Whose calls are watched.
+        thread: It looks, as long as there is anything to look at; None where there is not.
+        lock: Of the thread's beginning and end.
+        beat: Is called at each look; None where nobody wants to know.
         give_up: Ends the process of a call that cannot be interrupted, and tells what it was.
     """
 
     methods: set[CodeType] = set()  # noqa: RUF012 (there is one watch in a process)
+    stepped: weakref.WeakSet[Stepped] = weakref.WeakSet()  # noqa: RUF012
     thread: threading.Thread | None = None
-    beat: Callable[[], object] = lambda: None
+    lock = threading.Lock()
+    beat: Callable[[], object] | None = None
     give_up: Callable[[str], object] = end_hung
 
 
-def watch(*methods: Callable[..., object]) -> None:
-    """Interrupt calls of these methods of a `Stepped` that take too long; it may be said again."""
+def watch(stepped: Stepped, *methods: Callable[..., object]) -> None:
+    """Interrupt calls of these methods that take too long, until `unwatch`, or until nobody holds it any more."""
     _Watch.methods.update(method.__code__ for method in methods)
-    # A fork takes no thread along.
-    if _Watch.thread is None or not _Watch.thread.is_alive():
-        _Watch.thread = threading.Thread(target=_look_on, name="watch of steps", daemon=True)
-        _Watch.thread.start()
+    _Watch.stepped.add(stepped)
+    _begin()
+
+
+def unwatch(stepped: Stepped) -> None:
+    """Look at it no more; a process in which nothing is left to look at runs no thread for that."""
+    _Watch.stepped.discard(stepped)
 
 
 def watch_as_worker(beat: Callable[[], object], give_up: Callable[[str], object]) -> None:
@@ -73,15 +80,28 @@ def watch_as_worker(beat: Callable[[], object], give_up: Callable[[str], object]
         give_up: Is told what has not come back, where that cannot be interrupted; ends the process.
     """
     _Watch.beat, _Watch.give_up = beat, give_up
-    watch()
+    _begin()
+
+
+def _begin() -> None:
+    with _Watch.lock:
+        # A fork takes no thread along.
+        if _Watch.thread is None or not _Watch.thread.is_alive():
+            _Watch.thread = threading.Thread(target=_look_on, name="watch of steps", daemon=True)
+            _Watch.thread.start()
 
 
 def _look_on() -> None:
-    looks = Looks()
+    looks, never = Looks(), threading.Event()
     while True:
-        time.sleep(_LOOK_SECONDS)
-        _Watch.beat()
+        never.wait(_LOOK_SECONDS)
+        if _Watch.beat is not None:
+            _Watch.beat()
         looks.look(_LOOK_SECONDS)
+        with _Watch.lock:
+            if _Watch.beat is None and not _Watch.stepped:
+                _Watch.thread = None
+                return
 
 
 @dataclass(eq=False)

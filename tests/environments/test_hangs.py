@@ -1,5 +1,6 @@
 """A call of an environment that does not come back is one line, with its place; no process outlives it."""
 
+import gc
 import logging
 import os
 import time
@@ -76,6 +77,17 @@ def test_where_nothing_interrupts_it_that_is_said_and_who_comes_back_late_goes_o
     assert told.endswith("step 1, action 0 (a0), and cannot be interrupted")
     time.sleep(0.2)
     assert not backend._runner.border.is_hung
+
+
+def test_who_is_closed_is_watched_no_more_and_the_thread_ends(open_gymnasium):
+    backend = open_gymnasium(hung(hanging.HangingEnv))
+    assert hangs._Watch.thread.is_alive()
+    thread = hangs._Watch.thread
+    backend.close()
+    gc.collect()
+    thread.join(10)
+    assert not thread.is_alive()
+    assert hangs._Watch.thread is None
 
 
 def test_slow_calls_are_none_that_hang(open_gymnasium):

@@ -124,7 +124,7 @@ class TestOwnEnvironments:
             registered(DyingLateEnv) as env,
             pytest.raises(
                 EnvironmentFaultError,
-                match=r"worker process of env\.id=Walk-v0 died.*untested; .* goes on$",
+                match=r"worker process of env\.id=Walk-v0 died.*untested; .* goes on; details are in .*\.txt$",
             ),
         ):
             run(own({**env, "workers": 2}), tmp_path / "run")
