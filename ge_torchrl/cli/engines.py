@@ -214,12 +214,15 @@ _ENGINES = {"slurm": _by_slurm, "ray": _by_ray}
 
 def _package(name: str, extra: str) -> Any:
     try:
-        return importlib.import_module(name)
-    except ImportError as error:
+        package = importlib.import_module(name)
+    except ImportError:
+        package = None
+    if package is None or package.__file__ is None:  # Or a mere folder by this name, such as that of a sweep.
         raise ConfigError(
             f"hydra/launcher={extra} needs {name}; "
             f'expected it installed: pip install -c constraints.txt -e ".[{extra}]"'
-        ) from error
+        )
+    return package
 
 
 @contextlib.contextmanager

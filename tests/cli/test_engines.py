@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from pages_for_tests import ROOT
@@ -13,6 +14,8 @@ from sweep_walk_for_tests import STARTED_BY, STATUS
 
 from ge_torchrl.__main__ import main
 from ge_torchrl.cli import engines
+from ge_torchrl.cli.engines import check_engine
+from ge_torchrl.errors import ConfigError
 
 SUPPORT = ROOT / "tests" / "support"
 SWEEP = [
@@ -124,6 +127,14 @@ def test_an_engine_that_is_not_installed_is_told_with_what_to_install(
     assert not sweep.exists()
     expected = f'needs {package}; expected it installed: pip install -c constraints.txt -e ".[{engine}]"\n'
     assert capsys.readouterr().err == f"ge-torchrl: hydra/launcher={engine} {expected}"
+
+
+def test_a_folder_by_the_name_of_an_engine_is_no_engine(monkeypatch):
+    folder = ModuleType("ray")
+    folder.__file__ = None  # As of a folder without any module.
+    monkeypatch.setitem(sys.modules, "ray", folder)
+    with pytest.raises(ConfigError, match="needs ray; expected it installed"):
+        check_engine("ray")
 
 
 @pytest.mark.usefixtures("experiment")
