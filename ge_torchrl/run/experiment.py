@@ -11,6 +11,7 @@ from rich.console import Console
 
 from ge_torchrl.artefacts.checkpoints import has_checkpoints
 from ge_torchrl.artefacts.folder import CONFIG, PAGE, SUMMARY, RunFolder
+from ge_torchrl.artefacts.locks import LOCK, Lock
 from ge_torchrl.artefacts.looking import check_run
 from ge_torchrl.artefacts.memory import Artefacts
 from ge_torchrl.artefacts.records import Summary
@@ -60,6 +61,9 @@ def resume(path: Path, console: Console | None = None) -> Summary | None:
     """
     console = console or Console(highlight=False)
     if is_finished(path):
+        if (path / LOCK).exists():
+            # Of a process that was killed on its last steps; one that lives is told of.
+            Lock(path).release()
         if not (path / PAGE).exists():
             write_page_of_run(path, console)
         return None

@@ -11,6 +11,7 @@ from runs_for_tests import assert_same_bytes, config, run, without_clock
 from ge_torchrl.artefacts.checkpoints import CHECKPOINTS
 from ge_torchrl.artefacts.folder import RunFolder
 from ge_torchrl.artefacts.journal import Journal
+from ge_torchrl.artefacts.locks import LOCK
 from ge_torchrl.errors import ArtefactError
 from ge_torchrl.run import checkpointing, experiment, running
 
@@ -138,6 +139,14 @@ class TestGoesOn:
             killed(tmp_path / str(generation), "generation_record", generation, limited)
             resume(tmp_path / str(generation))
             assert_same_bytes(tmp_path / "alone", tmp_path / str(generation))
+
+    def test_of_a_process_killed_on_its_last_steps_nothing_stays(self, alone, tmp_path):
+        folder = tmp_path / "run"
+        shutil.copytree(alone, folder)
+        (folder / LOCK).write_text("999999\n")
+        (folder / "report.html").unlink()
+        assert resume(folder)[0] is None
+        assert_same_bytes(alone, folder)
 
 
 class TestInterrupted:

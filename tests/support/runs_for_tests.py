@@ -66,7 +66,8 @@ def without_clock(path):
 def assert_same_bytes(one, two, but=("config.yaml", "report.html")):
     """Assert that two folders hold the same run, clock aside."""
     names = {path.relative_to(one) for path in one.rglob("*") if path.is_file()}
-    assert names == {path.relative_to(two) for path in two.rglob("*") if path.is_file()}
+    others = {path.relative_to(two) for path in two.rglob("*") if path.is_file()}
+    assert names == others, names ^ others
     for name in names:
         if name.suffix == ".jsonl":
             assert without_clock(one / name) == without_clock(two / name), name

@@ -290,6 +290,9 @@ def test_a_run_that_goes_on_is_shown_without_a_word_of_a_test(browser, tmp_path)
     folder = write_played_run(tmp_path / "run")
     for name in ("summary.json", "episodes.json"):
         (folder.path / name).unlink()
+    # Without a checkpoint nothing could go on.
+    (folder.path / "checkpoints").mkdir()
+    (folder.path / "checkpoints" / "00000003.checkpoint").write_bytes(b"")
     opened(browser, write_run_page(folder.path))
     assert complaints(browser) == []
     assert "Episodes are recorded at the end" in text(browser, "#no-episodes")
