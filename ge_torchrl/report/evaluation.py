@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ge_torchrl.artefacts.folder import BEST_TREE, CONFIG, RunFolder, find_runs, none_found
-from ge_torchrl.artefacts.records import Summary
-from ge_torchrl.config import Config
+from ge_torchrl.artefacts.folder import BEST_TREE, CONFIG, find_runs, none_found
 from ge_torchrl.environments.choose import open_backend
 from ge_torchrl.environments.spec import EnvironmentSpec
-from ge_torchrl.errors import ArtefactError, UserError
+from ge_torchrl.errors import UserError
 from ge_torchrl.reading import is_folder, is_there
+from ge_torchrl.report.candidates import Candidates, candidates_of, restricted, told_apart
 from ge_torchrl.report.evaluated import EvaluatedMethod, EvaluatedRun, EvaluationSummary, SweepEvaluation
 from ge_torchrl.report.measuring import Meter, Told, tell_nobody
-from ge_torchrl.report.methods import METHODS, method_of
-from ge_torchrl.report.reading import environment_of_run, made, read_tree
-from ge_torchrl.report.settings import labels_of
+from ge_torchrl.report.methods import METHODS
+from ge_torchrl.report.reading import read_tree
 from ge_torchrl.report.sizes import SizedTree
 from ge_torchrl.report.tables import RunRow
 from ge_torchrl.report.twins import twins_told, without_twins
 from ge_torchrl.seeding import episode_seeds, stream
-from ge_torchrl.trees.controller import Names
 from ge_torchrl.trees.tree import DecisionTree
 
 _TEST, _VALIDATION = "test", "validation"
@@ -126,11 +122,11 @@ def evaluate_runs(
     Raises:
         UserError: No run can be tested, none has a tree of that size, or an environment failed.
     """
-    runs: list[_Candidates] = []
+    runs: list[Candidates] = []
     left_out: list[str] = []
     for found in find_runs(folder):
         try:
-            runs.append(_candidates(found))
+            runs.append(candidates_of(found))
         except UserError as error:
             left_out.append(f"{found.path}: {error}")
     if not runs:
@@ -141,9 +137,9 @@ def evaluate_runs(
         left_out += [
             f"{run.path}: it has no tree with {nodes} decision nodes" for run in runs if not run.of(nodes)
         ]
-        runs = _restricted(runs, nodes, folder)
+        runs = restricted(runs, nodes, folder)
     runs = sorted(
-        _told_apart(runs),
+        told_apart(runs),
         key=lambda run: (*run.task, METHODS.index(run.method), run.setting, run.summary.seed, run.path),
     )
     methods = [
@@ -154,103 +150,8 @@ def evaluate_runs(
     return SweepEvaluation(episodes, seed, tuple(methods), tuple(left_out))
 
 
-@dataclass(frozen=True, eq=False)
-class _Candidates:
-    """The trees of one run, before their test.
-
-    Attributes:
-        path: The run's folder.
-        config: Its configuration.
-        spec: Its environment.
-        summary: Its summary.
-        champion: Its champion.
-        chosen: The champion, or the tree of the size that was asked for.
-        by_size: Its archive.
-        setting: What other runs of its task and method have otherwise.
-    """
-
-    path: Path
-    config: Config
-    spec: EnvironmentSpec
-    summary: Summary
-    champion: DecisionTree
-    chosen: DecisionTree
-    by_size: tuple[DecisionTree, ...]
-    setting: str = ""
-
-    @property
-    def names(self) -> Names:
-        """Its environment."""
-        return self.spec.names
-
-    @property
-    def method(self) -> str:
-        """By which method it searched."""
-        return method_of(self.config)
-
-    @property
-    def task(self) -> tuple[tuple[str, str, tuple[str, ...], int], int, float]:
-        """What has to be equal for trees to be tested together, in an order."""
-        solved_at = self.spec.solved_at
-        return made(self.spec.names), self.spec.max_episode_steps, np.inf if solved_at is None else solved_at
-
-    @property
-    def trees(self) -> Iterator[DecisionTree]:
-        """All trees."""
-        yield self.chosen
-        yield from self.by_size
-
-    def of(self, nodes: int) -> tuple[DecisionTree, ...]:
-        """Return the tree of one size, if there is one."""
-        return tuple(tree for tree in self.by_size if tree.num_decision_nodes == nodes)
-
-
-def _candidates(folder: RunFolder) -> _Candidates:
-    """Read the trees of one run."""
-    controller = folder.read_best_tree()
-    spec, champion = environment_of_run(folder, controller), controller.tree
-    return _Candidates(
-        path=folder.path,
-        config=folder.read_config(),
-        spec=spec,
-        summary=folder.read_summary(),
-        champion=champion,
-        chosen=champion,
-        by_size=tuple(
-            folder.read_archive_tree(record.decision_nodes).tree for record in folder.read_archive()
-        ),
-    )
-
-
-def _told_apart(runs: Iterable[_Candidates]) -> Iterator[_Candidates]:
-    """Yield runs with their settings: nothing is averaged over different ones."""
-    alike: dict[tuple[object, str], list[_Candidates]] = {}
-    for run in runs:
-        alike.setdefault((run.task, run.method), []).append(run)
-    for members in alike.values():
-        for run, setting in zip(members, labels_of([run.config for run in members]), strict=True):
-            yield replace(run, setting=setting)
-
-
-def _restricted(runs: Sequence[_Candidates], nodes: int, folder: Path) -> list[_Candidates]:
-    """Return the runs that have a tree of one size, with that tree alone."""
-    having = [replace(run, chosen=run.of(nodes)[0], by_size=run.of(nodes)) for run in runs if run.of(nodes)]
-    if not having:
-        sizes = sorted({tree.num_decision_nodes for run in runs for tree in run.by_size})
-        if not sizes:
-            raise ArtefactError(
-                f"the runs in {folder} must hold archives, as archive.keep above 0 makes them, to give trees with "
-                f"{nodes} decision nodes; they hold none"
-            )
-        raise ArtefactError(
-            f"the number of decision nodes must be one of {', '.join(map(str, sizes))}, because the archives in "
-            f"{folder} have these; got {nodes}"
-        )
-    return having
-
-
 def _evaluate_task(
-    runs: Sequence[_Candidates], episodes: int, seed: int, route: str, told: Told
+    runs: Sequence[Candidates], episodes: int, seed: int, route: str, told: Told
 ) -> Iterator[EvaluatedMethod]:
     """Test all trees of one task together, and yield what they did, method by method."""
     spec = runs[0].spec
@@ -276,7 +177,7 @@ def _evaluate_task(
 
 
 def _evaluated(
-    run: _Candidates,
+    run: Candidates,
     tested: Mapping[DecisionTree, tuple[float, float]],
     validation_means: Mapping[DecisionTree, float],
 ) -> EvaluatedRun:
